@@ -54,7 +54,6 @@ class Rail final : public dfr::core::DecisionFunction {
     g[0] = x[0] > 0.4 ? -1.0 : 1.0;
     return Decision(t, x);
   }
-  double lipschitz_bound(int) const noexcept override { return 1.0; }
 };
 
 }  // namespace

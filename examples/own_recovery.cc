@@ -48,7 +48,6 @@ class Disk final : public dfr::core::DecisionFunction {
     for (std::size_t i = 0; i < 2; ++i) g[i] = r > 0.0 ? -x[i] / r : 0.0;
     return Decision(t, x);
   }
-  double lipschitz_bound(int) const noexcept override { return 1.0; }
 };
 
 class Outward final : public dfr::core::Policy {

@@ -45,7 +45,6 @@ class Bump final : public core::DecisionFunction {
     std::fill(g.begin(), g.end(), 0.0);
     return Decision(t, x);
   }
-  double lipschitz_bound(int) const noexcept override { return std::sqrt(2.0 / std::exp(1.0)); }
 };
 
 // A linear policy, because the benchmark measures the gate and not a network.

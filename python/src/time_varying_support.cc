@@ -230,7 +230,7 @@ gradient : ndarray of shape (state_dim,)
           "lipschitz_bound",
           [](const TimeVaryingSupport& support, std::int64_t t) {
             CheckStep(t);
-            return support.lipschitz_bound(NearestInt(t));
+            return support.at(NearestInt(t)).lipschitz_bound();
           },
           py::arg("t"), "L with |g_t(x) - g_t(y)| <= L |x - y|.")
       .def_property_readonly("state_dim", &TimeVaryingSupport::state_dim)

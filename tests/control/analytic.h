@@ -39,7 +39,6 @@ class FunctionSupport : public core::DecisionFunction {
     std::fill(g.begin(), g.end(), 0.0);
     return Decision(t, x);
   }
-  double lipschitz_bound(int) const noexcept override { return 1.0; }
   mutable int calls = 0;
 
  private:
@@ -71,7 +70,6 @@ class FunctionLogSupport : public core::LogDecisionFunction {
     return function_(t, x, g);
   }
   double FromLog(int, double l) const noexcept override { return l; }
-  double lipschitz_bound(int) const noexcept override { return 1.0; }
   double curvature_bound(int) const noexcept override { return curvature_; }
 
  private:
@@ -129,9 +127,7 @@ class GaussianSupport : public core::LogDecisionFunction {
     for (double& entry : g) entry *= rho_ * std::exp(l);
     return rho_ * (std::exp(l) - 1.0);
   }
-  double lipschitz_bound(int) const noexcept override {
-    return std::sqrt(2.0 * gamma_ / 2.718281828459045);
-  }
+  double lipschitz_bound() const noexcept { return std::sqrt(2.0 * gamma_ / 2.718281828459045); }
 
  private:
   std::vector<std::vector<double>> centres_;

@@ -35,7 +35,6 @@ class Mistaken final : public core::LogDecisionFunction {
                   std::span<double> gradient) const noexcept override {
     return inner_->Gradient(t, z, gradient);
   }
-  double lipschitz_bound(int t) const noexcept override { return inner_->lipschitz_bound(t); }
   double LogDecision(int t, std::span<const double> z,
                      std::span<double> gradient) const noexcept override {
     return inner_->LogDecision(t, z, gradient);

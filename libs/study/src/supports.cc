@@ -113,10 +113,6 @@ class KnnDistance final : public Pooled {
     q_.assign(points_.size(), 1.0);
     for (std::size_t t = 0; t < points_.size(); ++t) q_[t] = std::max(1e-9, 1.0 - LevelQuantile(t));
   }
-  // |l'| = 2 |z - mean| / q is unbounded; this bound holds for l >= -3.
-  [[nodiscard]] double lipschitz_bound(int t) const noexcept override {
-    return 4.0 / std::sqrt(q_[Clamped(t)]);
-  }
   // The mean distance to the nearest states is the minimum over all choices of as many states, and
   // each choice has this curvature.
   [[nodiscard]] double curvature_bound(int t) const noexcept override {
@@ -152,9 +148,6 @@ class Density final : public Pooled {
     width_ = std::pow(4.0 / ((d + 2.0) * n), 1.0 / (d + 4.0));
     q_.assign(points_.size(), 0.0);
     for (std::size_t t = 0; t < points_.size(); ++t) q_[t] = LevelQuantile(t);
-  }
-  [[nodiscard]] double lipschitz_bound(int /*t*/) const noexcept override {
-    return std::numeric_limits<double>::infinity();
   }
   // The log of a mixture curves downwards at most as much as the log of one of its Gaussians.
   [[nodiscard]] double curvature_bound(int /*t*/) const noexcept override {
@@ -209,10 +202,6 @@ class Mahalanobis final : public Pooled {
     }
     q_.assign(points_.size(), 1.0);
     for (std::size_t t = 0; t < points_.size(); ++t) q_[t] = std::max(1e-9, 1.0 - LevelQuantile(t));
-  }
-  // The bound is valid for l >= -3.
-  [[nodiscard]] double lipschitz_bound(int t) const noexcept override {
-    return 4.0 * std::sqrt(curvature_bound(t));
   }
   [[nodiscard]] double curvature_bound(int t) const noexcept override {
     return largest_[Clamped(t)] / q_[Clamped(t)];

@@ -102,7 +102,7 @@ TEST_F(Proposition1Test, ThePublishedGateBreaksItsInvariantAndTheCertifiedContro
   const auto policy = test::ConstantPolicy(1, 0.001);
   std::vector<double> x = {-0.6};
   u.resize(1);
-  SwitchingController published(policy, two, two.lipschitz_bound(0));
+  SwitchingController published(policy, two, two.lipschitz_bound());
   ASSERT_EQ(First(published, x).mode, Mode::kPolicy);
   x[0] += u[0];
   EXPECT_NEAR(two.Decision(1, x), -0.422, 1e-3);

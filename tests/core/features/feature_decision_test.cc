@@ -44,7 +44,6 @@ class Planar final : public LogDecisionFunction {
     return value;
   }
   double FromLog(int t, double l) const noexcept override { return t + l; }
-  double lipschitz_bound(int) const noexcept override { return std::sqrt(101.0); }
   double curvature_bound(int) const noexcept override { return 2.0; }
 };
 
@@ -66,7 +65,6 @@ TEST(FeatureDecisionTest, ASelectionUsesTheInnerFunction) {
   EXPECT_EQ(decision.LogDecision(3, kState, {}), 24);
   EXPECT_EQ(decision.FromLog(3, 2.0), 5.0);
   EXPECT_EQ(decision.num_steps(), 5);
-  EXPECT_EQ(decision.lipschitz_bound(0), inner.lipschitz_bound(0));
   EXPECT_EQ(decision.curvature_bound(0), 2.0);
 }
 
@@ -84,7 +82,6 @@ TEST(FeatureDecisionTest, FollowsTheChainRule) {
   EXPECT_EQ(gradient[5], 0.0);
   // The larger singular value: the roots of s^2 - 14 s + 36 are the squares of both values.
   const double norm = std::sqrt(7.0 + std::sqrt(13.0));
-  EXPECT_NEAR(decision.lipschitz_bound(0), std::sqrt(101.0) * norm, 1e-12);
   EXPECT_NEAR(decision.curvature_bound(0), 2.0 * norm * norm, 1e-12);
 }
 
@@ -124,6 +121,22 @@ TEST(FeatureDecisionTest, TheGradientAtANonFiniteStateIsZero) {
     EXPECT_EQ(decision.Gradient(0, x, gradient), -HUGE_VAL);
     EXPECT_EQ(gradient[0], 0.0);
   }
+}
+
+TEST(FeatureDecisionTest, EntriesThatNoFeatureReadsHaveNoEffect) {
+  const Planar inner;
+  const FeatureDecision decision(Object(), inner);
+  std::vector<double> x = kState;
+  x[0] = std::nan("");
+  x[7] = HUGE_VAL;
+  std::vector<double> gradient(8, 7.0);
+  EXPECT_EQ(decision.Decision(3, x), 24);
+  EXPECT_EQ(decision.LogDecision(3, x, gradient), 24);
+  EXPECT_EQ(gradient, (std::vector<double>{0, 0, 0, 1, 10, 0, 0, 0}));
+  x[4] = std::nan("");
+  EXPECT_EQ(decision.Decision(3, x), -HUGE_VAL);
+  EXPECT_EQ(decision.LogDecision(3, x, gradient), -HUGE_VAL);
+  EXPECT_EQ(gradient, std::vector<double>(8, 0.0));
 }
 
 TEST(FeatureDecisionTest, AStateOfTheWrongSizeIsOutside) {

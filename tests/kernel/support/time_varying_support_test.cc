@@ -53,7 +53,6 @@ TEST(TimeVaryingSupportTest, EachStepIsTheFitOfTheStatesAtThatStep) {
     EXPECT_EQ(support.Decision(t, x), expected.Decision(x));
     EXPECT_EQ(support.Gradient(t, x, gradient), expected.Gradient(x, expected_gradient));
     EXPECT_EQ(gradient, expected_gradient);
-    EXPECT_EQ(support.lipschitz_bound(t), expected.lipschitz_bound());
   }
 }
 

@@ -52,9 +52,8 @@ TEST(WhitenedSupportTest, LogFormHasTheSignOfGAndGradientsAreDerivatives) {
   }
 }
 
-// Checks l(z + d) >= l(z) + d . grad l(z) - c |d|^2, on which certificates are based, and the
-// Lipschitz bound.
-TEST(WhitenedSupportTest, CurvatureAndLipschitzBoundsHold) {
+// Checks l(z + d) >= l(z) + d . grad l(z) - c |d|^2, on which certificates are based.
+TEST(WhitenedSupportTest, TheCurvatureBoundHolds) {
   const auto support = WhitenedSupport::Fit(Walks(60));
   core::Random random(3);
   std::vector<double> z(2), d(2), there(2), gradient(2);
@@ -72,8 +71,6 @@ TEST(WhitenedSupportTest, CurvatureAndLipschitzBoundsHold) {
     const double bound = l + along - support.curvature_bound(t) * square;
     // Rounding is relative to the added terms.
     ASSERT_GE(support.LogDecision(t, there, {}), bound - 1e-12 * (1.0 + std::abs(l) + square));
-    ASSERT_LE(std::abs(support.Decision(t, there) - support.Decision(t, z)),
-              support.lipschitz_bound(t) * std::sqrt(square) + 1e-14);
   }
 }
 

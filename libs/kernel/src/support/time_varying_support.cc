@@ -187,8 +187,6 @@ double TimeVaryingSupport::Gradient(int t, std::span<const double> x,
   return at(t).Gradient(x, gradient);
 }
 
-double TimeVaryingSupport::lipschitz_bound(int t) const noexcept { return at(t).lipschitz_bound(); }
-
 double TimeVaryingSupport::LogDecision(int t, std::span<const double> x,
                                        std::span<double> gradient) const noexcept {
   return gradient.empty() ? at(t).LogDecision(x) : at(t).LogGradient(x, gradient);

@@ -203,10 +203,6 @@ double WhitenedSupport::LogDecision(int t, std::span<const double> z,
   return l;
 }
 
-double WhitenedSupport::lipschitz_bound(int t) const noexcept {
-  return at(t).svm.lipschitz_bound() * at(t).norm;
-}
-
 double WhitenedSupport::FromLog(int t, double l) const noexcept { return at(t).svm.FromLog(l); }
 
 double WhitenedSupport::curvature_bound(int t) const noexcept {

@@ -28,9 +28,6 @@ class DecisionFunction {
   /// entries). The gradient is zero where g is -infinity.
   virtual double Gradient(int t, std::span<const double> x,
                           std::span<double> gradient) const noexcept = 0;
-
-  /// Returns a constant L with |g_t(x) - g_t(y)| <= L |x - y| for all x, y.
-  [[nodiscard]] virtual double lipschitz_bound(int t) const noexcept = 0;
 };
 
 /// A decision function with a log form l_t. It has the same sign and zero set as g_t, but its

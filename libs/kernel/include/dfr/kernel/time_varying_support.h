@@ -64,7 +64,6 @@ class TimeVaryingSupport final : public core::LogDecisionFunction {
   [[nodiscard]] double Decision(int t, std::span<const double> x) const noexcept override;
   double Gradient(int t, std::span<const double> x,
                   std::span<double> gradient) const noexcept override;
-  [[nodiscard]] double lipschitz_bound(int t) const noexcept override;
   double LogDecision(int t, std::span<const double> x,
                      std::span<double> gradient) const noexcept override;
   [[nodiscard]] double FromLog(int t, double l) const noexcept override;

@@ -85,8 +85,6 @@ class WhitenedSupport final : public core::LogDecisionFunction {
   [[nodiscard]] double Decision(int t, std::span<const double> z) const noexcept override;
   double Gradient(int t, std::span<const double> z,
                   std::span<double> gradient) const noexcept override;
-  /// Returns OneClassSvm::lipschitz_bound() times the spectral norm of V_t.
-  [[nodiscard]] double lipschitz_bound(int t) const noexcept override;
   double LogDecision(int t, std::span<const double> z,
                      std::span<double> gradient) const noexcept override;
   [[nodiscard]] double FromLog(int t, double l) const noexcept override;

@@ -8,7 +8,8 @@
 namespace dfr::core {
 
 /// Adapts a decision function of features z to whole states: g_t(z(x)), l_t(z(x)). Borrows `inner`,
-/// which must outlive it. curvature_bound() omits the curvature of StateMap::Circle.
+/// which must outlive it. A non-finite entry that no feature reads has no effect. (Controllers and
+/// guards refuse such states.) curvature_bound() omits the curvature of StateMap::Circle.
 class FeatureDecision final : public LogDecisionFunction {
  public:
   /// @throws std::invalid_argument if the number of features differs from inner's state_dim() or
@@ -24,9 +25,6 @@ class FeatureDecision final : public LogDecisionFunction {
                      std::span<double> gradient) const noexcept override;
   [[nodiscard]] double FromLog(int t, double l) const noexcept override {
     return inner_->FromLog(t, l);
-  }
-  [[nodiscard]] double lipschitz_bound(int t) const noexcept override {
-    return inner_->lipschitz_bound(t) * norm_;
   }
   [[nodiscard]] double curvature_bound(int t) const noexcept override {
     return inner_->curvature_bound(t) * norm_ * norm_;
