@@ -72,6 +72,12 @@ endmacro()
 
 macro(dfr_add_components)
   dfr_read_components(component)
+  foreach(name IN LISTS DFR_WITHOUT)
+    if(NOT name IN_LIST component_names)
+      message(FATAL_ERROR "DFR_WITHOUT names '${name}', which components.txt does not list. "
+                          "Known: ${component_names}")
+    endif()
+  endforeach()
   foreach(name IN LISTS component_names)
     list(REMOVE_ITEM component_${name}_needs ${DFR_WITHOUT})
   endforeach()
