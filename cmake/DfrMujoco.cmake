@@ -2,7 +2,9 @@
 macro(dfr_find_mujoco)
   dfr_find_package(mujoco 2.2)
   if(mujoco_VERSION VERSION_GREATER_EQUAL 2.3)
-    message(FATAL_ERROR "The simulations are calibrated on MuJoCo 2.2; this is ${mujoco_VERSION}.")
+    # The simulations are calibrated on MuJoCo 2.2.
+    set(DFR_MISSING "package mujoco 2.2 (there is ${mujoco_VERSION})" PARENT_SCOPE)
+    return()
   endif()
   get_target_property(mujoco_is_global mujoco::mujoco IMPORTED_GLOBAL)
   if(NOT mujoco_is_global)
