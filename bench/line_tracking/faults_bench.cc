@@ -9,7 +9,6 @@
 #include <cstdio>
 #include <filesystem>
 #include <iostream>
-#include <limits>
 #include <map>
 #include <memory>
 #include <optional>
@@ -24,6 +23,7 @@
 #include "dfr/core/build_info.h"
 #include "dfr/core/numerics/quantile.h"
 #include "dfr/core/random.h"
+#include "dfr/core/text/format.h"
 #include "dfr/dds/channel.h"
 #include "dfr/dds/emergency_stop.h"
 #include "dfr/runtime/periodic_timer.h"
@@ -49,9 +49,9 @@ struct Row {
   std::vector<double> motion_mm;  // maximum motion of the tip
 };
 
-double Quantile(std::vector<double> values, double q) {
-  if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
-  return core::Quantile(values, q);
+// Returns the quantile as text, and "-" if nothing was measured.
+std::string Quantile(std::vector<double> values, double q, int digits) {
+  return values.empty() ? "-" : core::Format("%.*f", digits, core::Quantile(values, q));
 }
 
 void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
@@ -127,15 +127,14 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
         std::max(0.0, static_cast<double>(ns - start_ns) / kMillisecond - since_ms));
     row.told.insert(fault.to_operator ? "operator's screen" : *site.told());
   }
+  // These faults restart or reset the arm, which changes its position. The motion is not measured.
+  if (fault.name == "kill-console" || fault.name == "arm-fault" || fault.homing) return;
   double motion_mm = 0.0;
   double rest_ms = 0.0;
   const Eigen::Vector3d last = samples.back().tip_m;
-  // These faults restart or reset the arm, which changes its position.
-  if (fault.name != "kill-console" && fault.name != "arm-fault" && !fault.homing) {
-    for (const Sample& sample : samples) {
-      motion_mm = std::max(motion_mm, 1e3 * (sample.tip_m - before).norm());
-      if (1e3 * (sample.tip_m - last).norm() > kStill) rest_ms = sample.ms - since_ms;
-    }
+  for (const Sample& sample : samples) {
+    motion_mm = std::max(motion_mm, 1e3 * (sample.tip_m - before).norm());
+    if (1e3 * (sample.tip_m - last).norm() > kStill) rest_ms = sample.ms - since_ms;
   }
   row.motion_mm.push_back(motion_mm);
   if (!fault.blind) row.rest_ms.push_back(rest_ms);
@@ -170,10 +169,10 @@ void Measure(const std::filesystem::path& folder, int domain, double image_age_s
     for (int i = 0; i < trials; ++i) Try(*site, fault, random, row);
     std::string told;
     for (const std::string& word : row.told) told += (told.empty() ? "" : ", ") + word;
-    std::printf("%-21s %6d %8d  %5.0f %6.0f  %9.0f  %11.2f  %8d  %s\n", fault.name.c_str(),
-                row.trials, row.detected, Quantile(row.detection_ms, 0.5),
-                Quantile(row.detection_ms, 1.0), Quantile(row.rest_ms, 1.0),
-                Quantile(row.motion_mm, 1.0), row.restarts, told.c_str());
+    std::printf("%-21s %6d %8d  %5s %6s  %9s  %11s  %8d  %s\n", fault.name.c_str(), row.trials,
+                row.detected, Quantile(row.detection_ms, 0.5, 0).c_str(),
+                Quantile(row.detection_ms, 1.0, 0).c_str(), Quantile(row.rest_ms, 1.0, 0).c_str(),
+                Quantile(row.motion_mm, 1.0, 2).c_str(), row.restarts, told.c_str());
     std::fflush(stdout);
   }
 }
