@@ -150,6 +150,7 @@ struct Row {
   int cells = 0;
   int converged = 0;
   int stalled = 0;
+  int limited = 0;  // ended by the limit of iterations
   int interrupted = 0;
   int wrong = 0;
   double worst_gap = 0.0;
@@ -200,6 +201,12 @@ class Matrix {
                   summary.kkt_gap);
       return;
     }
+    if (summary.reason == Reason::kMaxIterations) {
+      ++row.limited;
+      std::printf("LIMIT %s: %lld iterations left a gap of %.2g\n", name.c_str(),
+                  static_cast<long long>(summary.iterations), summary.kkt_gap);
+      return;
+    }
     if (summary.reason != Reason::kConverged) {
       ++row.stalled;
       std::printf("%s: doubles allow no better than a gap of %.2g\n", name.c_str(),
@@ -228,23 +235,23 @@ class Matrix {
     }
   }
 
-  // Returns true if all fits meet their tolerance.
+  // Returns true if all fits that ended by themselves meet their tolerance or the limit of doubles.
   [[nodiscard]] bool Print() const {
-    std::printf("%-15s %6s %10s %8s %12s %6s %10s %9s %13s %9s\n", "samples", "cells", "converged",
-                "stalled", "interrupted", "wrong", "worst gap", "compared", "worst excess",
-                "slowest");
+    std::printf("%-15s %6s %10s %8s %6s %12s %6s %10s %9s %13s %9s\n", "samples", "cells",
+                "converged", "stalled", "limit", "interrupted", "wrong", "worst gap", "compared",
+                "worst excess", "slowest");
     bool right = true;
     int least = 2;
     for (const Row& row : rows_) {
       if (row.cells > 0) {
-        std::printf("%6d to %-6d %6d %10d %8d %12d %6d %10.2g %9d %13s %7.2f s\n", least, row.most,
-                    row.cells, row.converged, row.stalled, row.interrupted, row.wrong,
-                    row.worst_gap, row.compared,
+        std::printf("%6d to %-6d %6d %10d %8d %6d %12d %6d %10.2g %9d %13s %7.2f s\n", least,
+                    row.most, row.cells, row.converged, row.stalled, row.limited, row.interrupted,
+                    row.wrong, row.worst_gap, row.compared,
                     row.compared > 0 ? core::Format("%.1e", row.worst_excess).c_str() : "",
                     row.slowest);
       }
       least = row.most + 1;
-      right &= row.wrong == 0;
+      right &= row.wrong == 0 && row.limited == 0;
     }
     std::printf(
         "A fit stalls where doubles allow no smaller gap. 'compared' counts the fits that LIBSVM "
