@@ -4,8 +4,8 @@ and decisions of dfr.OneClassSVM with the same decisions in C++.
 
 usage: python_one_class_svm_bench [--benchmark_min_time=0]   (a smoke test: small sizes, timed once)
 
-Times are processor seconds of the calling thread, the minimum of several repetitions. If the
-decisions differ, the program fails without timing them.
+Times are processor seconds of the process, which runs one thread, the minimum of several
+repetitions. If the decisions differ, the program fails without timing them.
 """
 
 import os
@@ -37,9 +37,9 @@ SLOWEST = 1.25  # limit of the time relative to C++: batches of milliseconds var
 def least_time(work, repetitions):
     times = []
     for _ in range(repetitions):
-        start = time.thread_time()
+        start = time.process_time()
         work()
-        times.append(time.thread_time() - start)
+        times.append(time.process_time() - start)
     return min(times)
 
 
@@ -66,7 +66,7 @@ def main():
         X = np.sin(phase * (1 + np.arange(d)) / 2) + 0.3 * rng.normal(size=(n, d))
         X = (X - X.mean(axis=0)) / X.std(axis=0)
         queries = X + 0.2 * rng.normal(size=X.shape)
-        ours = dfr.OneClassSVM(nu=NU, gamma=gamma)
+        ours = dfr.OneClassSVM(nu=NU, gamma=gamma, n_jobs=1)
         theirs = sklearn.svm.OneClassSVM(nu=NU, gamma=gamma)
         fit = least_time(lambda: ours.fit(X), 1 if smoke else 5)
         peer_fit = least_time(lambda: theirs.fit(X), 1 if smoke else 2)
