@@ -12,7 +12,6 @@
 #include <benchmark/benchmark.h>
 
 #include <Eigen/QR>
-#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdint>
@@ -20,6 +19,8 @@
 #include <utility>
 #include <vector>
 
+#include "bench/control/linear_policy.h"
+#include "bench/control/percentiles.h"
 #include "dfr/control/certified/certificate_constants.h"
 #include "dfr/control/certified/certified_controller.h"
 #include "dfr/control/guided/guided_controller.h"
@@ -62,24 +63,8 @@ std::vector<core::Trajectory> Demonstrations() {
   return demonstrations;
 }
 
-class Linear final : public core::Policy {
- public:
-  int state_dim() const noexcept override { return kStateDim; }
-  int control_dim() const noexcept override { return kControlDim; }
-  void Control(int, std::span<const double> x, std::span<double> u) const noexcept override {
-    for (std::size_t i = 0; i < u.size(); ++i) u[i] = 0.1 * x[i] - 0.05 * x[i + 5];
-  }
-};
-
 void Report(benchmark::State& state, std::vector<double>& nanoseconds, std::int64_t other) {
-  std::sort(nanoseconds.begin(), nanoseconds.end());
-  const auto at = [&](double share) {
-    return nanoseconds[static_cast<std::size_t>(share *
-                                                static_cast<double>(nanoseconds.size() - 1))];
-  };
-  state.counters["p50"] = at(0.5);
-  state.counters["p99"] = at(0.99);
-  state.counters["p99.9"] = at(0.999);
+  bench::AddPercentiles(state, nanoseconds);
   state.counters["not_learned_%"] =
       100.0 * static_cast<double>(other) / static_cast<double>(nanoseconds.size());
 }
@@ -95,7 +80,7 @@ void BM_Next(benchmark::State& state, double spread, bool single) {
   const auto support = kernel::WhitenedSupport::Fit(seen.points, {.single_precision = single});
   const Levels levels(support, seen.points);
   const Response response(seen);
-  const Linear policy;
+  const bench::LinearPolicy policy;
   GuidedOptions options;
   options.horizon = 1 << 30;
   options.max_controls = 1 << 30;

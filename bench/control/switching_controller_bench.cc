@@ -14,6 +14,8 @@
 #include <utility>
 #include <vector>
 
+#include "bench/control/linear_policy.h"
+#include "bench/control/percentiles.h"
 #include "dfr/control/published/switching_controller.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
@@ -47,16 +49,6 @@ class Bump final : public core::DecisionFunction {
   }
 };
 
-// A linear policy, because the benchmark measures the gate and not a network.
-class Linear final : public core::Policy {
- public:
-  int state_dim() const noexcept override { return kStateDim; }
-  int control_dim() const noexcept override { return kControlDim; }
-  void Control(int, std::span<const double> x, std::span<double> u) const noexcept override {
-    for (std::size_t i = 0; i < u.size(); ++i) u[i] = 0.1 * x[i] - 0.05 * x[i + 5];
-  }
-};
-
 #if DFR_BENCH_HAS_KERNEL
 // 120 demonstrations: a mean path with the spread of the Pusher's demonstrations, 0.03 m.
 std::vector<core::Matrix> Demonstrations() {
@@ -86,17 +78,6 @@ std::unique_ptr<core::DecisionFunction> MakeSupport(bool kernel) {
   return kernel ? nullptr : std::make_unique<Bump>();
 }
 
-void AddPercentiles(benchmark::State& state, std::vector<double>& nanoseconds) {
-  std::sort(nanoseconds.begin(), nanoseconds.end());
-  const auto at = [&](double share) {
-    const auto last = static_cast<double>(nanoseconds.size() - 1);
-    return nanoseconds[static_cast<std::size_t>(share * last)];
-  };
-  state.counters["p50"] = at(0.5);
-  state.counters["p99"] = at(0.99);
-  state.counters["p99.9"] = at(0.999);
-}
-
 using Clock = std::chrono::steady_clock;
 
 void BM_Clock(benchmark::State& state) {
@@ -106,12 +87,12 @@ void BM_Clock(benchmark::State& state) {
     const auto start = Clock::now();
     nanoseconds.push_back(std::chrono::duration<double, std::nano>(Clock::now() - start).count());
   }
-  AddPercentiles(state, nanoseconds);
+  bench::AddPercentiles(state, nanoseconds);
 }
 
 void BM_Next(benchmark::State& state, Recovery recovery, bool kernel, bool open) {
   const auto support = MakeSupport(kernel);
-  const Linear policy;
+  const bench::LinearPolicy policy;
   // A tiny lambda opens the gate at any g > 0, and a huge lambda shuts it.
   const std::vector<double> lambda = {open ? 1e-9 : 1e9};
   const SwitchingControllerOptions options{
@@ -141,7 +122,7 @@ void BM_Next(benchmark::State& state, Recovery recovery, bool kernel, bool open)
     query = (query + 1) % queries.rows();
   }
   if (wrong) return state.SkipWithError("the controller left the mode to be measured");
-  AddPercentiles(state, nanoseconds);
+  bench::AddPercentiles(state, nanoseconds);
 }
 
 #define DFR_BENCH_NEXT(kernel, support)                                                        \

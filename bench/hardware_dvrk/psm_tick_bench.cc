@@ -2,11 +2,11 @@
 // goal. The console is a publisher in this process that reports an arm at rest.
 #include <benchmark/benchmark.h>
 
-#include <algorithm>
 #include <chrono>
 #include <thread>
 #include <vector>
 
+#include "dfr/core/numerics/quantile.h"
 #include "dfr/dds/channel.h"
 #include "dfr/hardware/psm_driver.h"
 
@@ -90,9 +90,8 @@ void BM_DriverTick(benchmark::State& state) {
     state.SetIterationTime(times.back());
   }
   if (driver.phase() != hardware::PsmPhase::kArmed) state.SkipWithError("held during the move");
-  std::sort(times.begin(), times.end());
-  state.counters["p50_us"] = 1e6 * times[times.size() / 2];
-  state.counters["p99_us"] = 1e6 * times[times.size() * 99 / 100];
+  state.counters["p50_us"] = 1e6 * core::Quantile(times, 0.5);
+  state.counters["p99_us"] = 1e6 * core::Quantile(times, 0.99);
 }
 BENCHMARK(BM_DriverTick)->UseManualTime()->Iterations(1000)->Unit(benchmark::kMicrosecond);
 

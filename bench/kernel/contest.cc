@@ -4,24 +4,18 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
-#include <ctime>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <stdexcept>
 #include <string_view>
 
+#include "bench/cpu_seconds.h"
 #include "bench/kernel/machine.h"
 #include "dfr/core/numerics/quantile.h"
 #include "gaussian/gaussian_sum.h"
 
 namespace dfr::bench {
-
-double CpuSeconds() {
-  timespec now{};
-  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
-  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
-}
 
 ContestOptions ContestOptions::Parse(int argc, char** argv) {
   ContestOptions options;

@@ -68,7 +68,4 @@ void WriteReport(const std::string& title, const std::vector<CaseResult>& result
 /// Returns failure if the subject of any case gave a wrong answer.
 [[nodiscard]] int ExitCode(const std::vector<CaseResult>& results);
 
-/// Returns the CPU time of this process, s.
-[[nodiscard]] double CpuSeconds();
-
 }  // namespace dfr::bench

@@ -16,6 +16,7 @@
 #include <utility>
 #include <vector>
 
+#include "bench/cpu_seconds.h"
 #include "bench/kernel/contest.h"
 #include "bench/kernel/trajectories.h"
 #include "dfr/core/text/format.h"

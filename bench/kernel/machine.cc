@@ -5,6 +5,7 @@
 #include <fstream>
 #include <string>
 
+#include "bench/cpu_seconds.h"
 #include "bench/kernel/contest.h"
 
 #undef HWY_TARGET_INCLUDE

@@ -11,7 +11,6 @@
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
-#include <ctime>
 #include <exception>
 #include <functional>
 #include <memory>
@@ -22,6 +21,8 @@
 #include <utility>
 #include <vector>
 
+#include "bench/control/linear_policy.h"
+#include "bench/cpu_seconds.h"
 #include "bench/kernel/trajectories.h"
 #include "dfr/control/guided/guided_controller.h"
 #include "dfr/core/features/feature_transform.h"
@@ -91,12 +92,6 @@ class Runner {
   }
 
  private:
-  static double CpuSeconds() {
-    timespec now{};
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
-    return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
-  }
-
   Options options_;
 };
 
@@ -182,15 +177,6 @@ std::vector<core::Trajectory> Demonstrations(int count, int steps, int states, i
   return demonstrations;
 }
 
-class Linear final : public core::Policy {
- public:
-  [[nodiscard]] int state_dim() const noexcept override { return 12; }
-  [[nodiscard]] int control_dim() const noexcept override { return 7; }
-  void Control(int, std::span<const double> x, std::span<double> u) const noexcept override {
-    for (std::size_t i = 0; i < u.size(); ++i) u[i] = 0.1 * x[i] - 0.05 * x[i + 5];
-  }
-};
-
 void RunControllers(Runner& runner) {
   constexpr int kSteps = 20;
   constexpr int kEpisode = 12;  // steps of one operation
@@ -207,7 +193,7 @@ void RunControllers(Runner& runner) {
     core::StateLayout layout;
     layout.Add("x", 12);
     struct Guided {
-      Linear policy;
+      LinearPolicy policy;
       safety::TaskModel task;
       control::GuidedController controller;
       Guided(const core::StateLayout& layout, const std::vector<core::Trajectory>& demonstrations)
