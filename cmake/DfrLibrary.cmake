@@ -229,6 +229,22 @@ function(dfr_add_bench name)
   endif()
 endfunction()
 
+# dfr_add_peer(mlp_bench_peer SOURCES eigen_mlp.cc LINK Eigen3::Eigen) compiles a benchmark's peer, whose
+# library consists of headers, for the instruction set of this machine. Our libraries choose theirs at run
+# time. The peer is a shared library that exports only its own functions: a template of Eigen that is compiled
+# for another instruction set must not replace the peer's. GCC 12 warns falsely about its own AVX-512 functions.
+function(dfr_add_peer name)
+  cmake_parse_arguments(PARSE_ARGV 1 arg "" "" "SOURCES;LINK")
+  add_library(${name} SHARED ${arg_SOURCES})
+  set_target_properties(${name} PROPERTIES
+    CXX_VISIBILITY_PRESET hidden VISIBILITY_INLINES_HIDDEN ON DISABLE_PRECOMPILE_HEADERS ON)
+  target_compile_features(${name} PUBLIC cxx_std_20)
+  target_compile_options(${name} PRIVATE -march=native -Wno-uninitialized -Wno-maybe-uninitialized)
+  target_include_directories(${name} PUBLIC ${PROJECT_SOURCE_DIR})
+  target_link_libraries(${name} PRIVATE ${arg_LINK} dfr_build_flags)
+  target_link_options(${name} PRIVATE -Wl,--exclude-libs,ALL)
+endfunction()
+
 # Installs the files that find_package(dfr COMPONENTS ...) reads.
 function(dfr_install_package)
   get_property(libraries GLOBAL PROPERTY DFR_LIBRARIES)

@@ -5,8 +5,11 @@
 #include <benchmark/benchmark.h>
 
 #include <Eigen/Core>
+#include <span>
+#include <utility>
 #include <vector>
 
+#include "bench/imitation/eigen_mlp.h"
 #include "dfr/core/random.h"
 #include "dfr/imitation/fit_mlp.h"
 #include "dfr/imitation/mlp.h"
@@ -31,68 +34,20 @@ Mlp Network(int width) {
   return {{kInputs, width, width, kOutputs}, random};
 }
 
-// The same network in idiomatic Eigen.
-class EigenMlp {
- public:
-  explicit EigenMlp(const Mlp& mlp) {
-    for (const Mlp::Layer& layer : mlp.layers()) {
-      weights_.push_back(Eigen::Map<const Matrix>(mlp.parameters().data() + layer.weights,
-                                                  layer.inputs, layer.outputs));
-      biases_.push_back(mlp.parameters().segment(layer.biases, layer.outputs).transpose());
-    }
-    activations_.resize(weights_.size());
-    gradients_.resize(weights_.size());
-    bias_gradients_.resize(weights_.size());
+std::vector<bench::EigenMlp::Layer> Layers(const Mlp& mlp) {
+  std::vector<bench::EigenMlp::Layer> layers;
+  for (const Mlp::Layer& layer : mlp.layers()) {
+    const double* parameters = mlp.parameters().data();
+    layers.push_back(
+        {layer.inputs, layer.outputs, parameters + layer.weights, parameters + layer.biases});
   }
-
-  const Matrix& Forward(const Matrix& inputs) {
-    const Matrix* from = &inputs;
-    for (std::size_t l = 0; l < weights_.size(); ++l) {
-      activations_[l].noalias() = *from * weights_[l];
-      activations_[l].rowwise() += biases_[l];
-      if (l + 1 < weights_.size()) activations_[l] = activations_[l].array().tanh();
-      from = &activations_[l];
-    }
-    return activations_.back();
-  }
-
-  void Backward(const Matrix& inputs, const Matrix& output_gradient) {
-    delta_ = output_gradient;
-    for (std::size_t l = weights_.size(); l-- > 0;) {
-      const Matrix& from = l == 0 ? inputs : activations_[l - 1];
-      gradients_[l].noalias() = from.transpose() * delta_;
-      bias_gradients_[l] = delta_.colwise().sum();
-      if (l == 0) break;
-      next_.noalias() = delta_ * weights_[l].transpose();
-      next_.array() *= 1.0 - from.array().square();
-      delta_.swap(next_);
-    }
-  }
-
-  Eigen::VectorXd gradient() const {
-    std::vector<double> flat;
-    for (std::size_t l = 0; l < weights_.size(); ++l) {
-      flat.insert(flat.end(), gradients_[l].data(), gradients_[l].data() + gradients_[l].size());
-      flat.insert(flat.end(), bias_gradients_[l].data(),
-                  bias_gradients_[l].data() + bias_gradients_[l].size());
-    }
-    return core::AsVector(std::span<const double>(flat));
-  }
-
- private:
-  std::vector<Matrix> weights_;
-  std::vector<Eigen::RowVectorXd> biases_;
-  std::vector<Matrix> activations_;
-  std::vector<Matrix> gradients_;
-  std::vector<Eigen::RowVectorXd> bias_gradients_;
-  Matrix delta_;
-  Matrix next_;
-};
+  return layers;
+}
 
 // Both networks, and inputs that change between calls and fit into the second-level cache.
 struct Case {
   Mlp mlp;
-  EigenMlp eigen;
+  bench::EigenMlp eigen;
   std::vector<Matrix> inputs;
   Matrix output_gradient;
   Mlp::Workspace workspace;
@@ -100,7 +55,7 @@ struct Case {
 
   explicit Case(const benchmark::State& state)
       : mlp(Network(static_cast<int>(state.range(0)))),
-        eigen(mlp),
+        eigen(Layers(mlp)),
         output_gradient(RandomMatrix(state.range(1), kOutputs, 2)) {
     for (std::uint64_t i = 0; i < 4; ++i) {
       inputs.push_back(RandomMatrix(state.range(1), kInputs, 3 + i));
@@ -110,14 +65,22 @@ struct Case {
   // Compares both networks. The tolerance allows for sums of `batch` terms of size 1.
   bool RightAnswers() {
     const double tolerance = 1e-12 * static_cast<double>(output_gradient.rows());
-    if (!eigen.Forward(inputs[0]).isApprox(mlp.Forward(inputs[0], workspace), 1e-12)) return false;
-    eigen.Backward(inputs[0], output_gradient);
+    const Eigen::Map<const Matrix> outputs(EigenForward(0), inputs[0].rows(), kOutputs);
+    if (!outputs.isApprox(mlp.Forward(inputs[0], workspace), 1e-12)) return false;
+    EigenBackward(0);
     mlp.Backward(inputs[0], output_gradient, workspace, gradient);
     std::vector<double> one(kOutputs);
     mlp.Forward(core::Row(inputs[0], 0), one);
-    return (gradient - eigen.gradient()).cwiseAbs().maxCoeff() < tolerance &&
-           core::AsVector(std::span<const double>(one))
-               .isApprox(eigen.Forward(inputs[0]).row(0).transpose(), 1e-12);
+    const std::vector<double> expected = eigen.gradient();
+    return (gradient - core::AsVector(expected)).cwiseAbs().maxCoeff() < tolerance &&
+           core::AsVector(std::span<const double>(one)).isApprox(outputs.row(0).transpose(), 1e-12);
+  }
+
+  const double* EigenForward(std::size_t i) {
+    return eigen.Forward(Inputs(i).data(), static_cast<int>(Inputs(i).rows()));
+  }
+  void EigenBackward(std::size_t i) {
+    eigen.Backward(Inputs(i).data(), output_gradient.data(), static_cast<int>(Inputs(i).rows()));
   }
 
   const Matrix& Inputs(std::size_t i) const { return inputs[i % inputs.size()]; }
@@ -139,7 +102,7 @@ void BM_ForwardEigen(benchmark::State& state) {
   Case c(state);
   if (!c.RightAnswers()) return state.SkipWithError("wrong answer");
   std::size_t i = 0;
-  for (auto _ : state) benchmark::DoNotOptimize(c.eigen.Forward(c.Inputs(i++)).data());
+  for (auto _ : state) benchmark::DoNotOptimize(c.EigenForward(i++));
   CountSamples(state);
 }
 
@@ -161,9 +124,8 @@ void BM_ForwardBackwardEigen(benchmark::State& state) {
   if (!c.RightAnswers()) return state.SkipWithError("wrong answer");
   std::size_t i = 0;
   for (auto _ : state) {
-    const Matrix& inputs = c.Inputs(i++);
-    c.eigen.Forward(inputs);
-    c.eigen.Backward(inputs, c.output_gradient);
+    c.EigenForward(i);
+    c.EigenBackward(i++);
     benchmark::ClobberMemory();
   }
   CountSamples(state);
@@ -184,11 +146,11 @@ void BM_ForwardOne(benchmark::State& state) {
 void BM_ForwardOneEigen(benchmark::State& state) {
   Case c(state);
   if (!c.RightAnswers()) return state.SkipWithError("wrong answer");
-  Matrix x(1, kInputs);
   Eigen::Index i = 0;
   for (auto _ : state) {
-    x = c.inputs[0].row(i++ % c.inputs[0].rows());
-    benchmark::DoNotOptimize(c.eigen.Forward(x).data());
+    const std::span<const double> x =
+        core::Row(std::as_const(c.inputs[0]), i++ % c.inputs[0].rows());
+    benchmark::DoNotOptimize(c.eigen.Forward(x.data(), 1));
   }
 }
 

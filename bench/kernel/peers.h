@@ -28,15 +28,19 @@ struct PeerOptions {
   double tolerance = 1e-3;
 };
 
-std::unique_ptr<Peer> TrainLibsvm(const core::Matrix& samples, const PeerOptions& options);
-std::unique_ptr<Peer> TrainOpenCv(const core::Matrix& samples, const PeerOptions& options);
-std::unique_ptr<Peer> TrainDlib(const core::Matrix& samples, const PeerOptions& options);
+[[gnu::visibility("default")]] std::unique_ptr<Peer> TrainLibsvm(const core::Matrix& samples,
+                                                                 const PeerOptions& options);
+[[gnu::visibility("default")]] std::unique_ptr<Peer> TrainOpenCv(const core::Matrix& samples,
+                                                                 const PeerOptions& options);
+[[gnu::visibility("default")]] std::unique_ptr<Peer> TrainDlib(const core::Matrix& samples,
+                                                               const PeerOptions& options);
 /// An untrained peer: the sum in plain Eigen over given support vectors, with alpha in LIBSVM's
 /// scale.
-std::unique_ptr<Peer> PlainEigen(const core::Matrix& support_vectors, const Eigen::VectorXd& alpha,
-                                 double gamma, double rho);
+[[gnu::visibility("default")]] std::unique_ptr<Peer> PlainEigen(const core::Matrix& support_vectors,
+                                                                const Eigen::VectorXd& alpha,
+                                                                double gamma, double rho);
 
 /// Returns alpha' K alpha / 2 of LIBSVM's solution, in double from its alpha.
-double LibsvmObjective(const Peer& libsvm);
+[[gnu::visibility("default")]] double LibsvmObjective(const Peer& libsvm);
 
 }  // namespace dfr::bench
