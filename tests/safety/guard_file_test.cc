@@ -125,8 +125,8 @@ TEST_F(GuardFileTest, WrongContentWithAValidChecksumIsRefusedOrUsable) {
 }
 
 TEST_F(GuardFileTest, AnotherVersionIsRefusedByName) {
-  core::ArchiveWriter("guard", 6).Save(path_);
-  EXPECT_THAT(Refusal(), HasSubstr("is a guard file of version 6; this program reads version 5: "
+  core::ArchiveWriter("guard", 7).Save(path_);
+  EXPECT_THAT(Refusal(), HasSubstr("is a guard file of version 7; this program reads version 6: "
                                    "fit it again"));
 }
 

@@ -15,7 +15,7 @@ namespace dfr::safety {
 namespace {
 
 constexpr std::string_view kGuardKind = "guard";
-constexpr int kGuardVersion = 5;
+constexpr int kGuardVersion = 6;
 constexpr int kMostCount = 1 << 30;
 constexpr int kMaxFitWarnings = 1 << 16;
 constexpr int kMostRows = 1 << 10;
@@ -100,7 +100,10 @@ void GuardModel::Save(const std::filesystem::path& path) const {
   archive.Text(task_->features().selection().spec());
   task_->features().selection().map().Save(archive);
   archive.Numbers(constants_);
-  if (constant_entries_) archive.Text(constant_entries_->spec());
+  if (constant_entries_) {
+    archive.Text(constant_entries_->spec());
+    constant_entries_->map().Save(archive);
+  }
   archive.Integer(context_ ? 1 : 0);
   if (context_) {
     archive.Text(context_->selection().spec());
@@ -179,7 +182,9 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
     std::vector<double> constants = archive.Numbers();
     std::optional<core::FeatureSelection> constant_entries;
     if (!constants.empty()) {
-      constant_entries = core::FeatureSelection::Of(layout, archive.Text()).Mapped(selection.map());
+      constant_entries = core::FeatureSelection::Of(layout, archive.Text());
+      constant_entries =
+          constant_entries->Mapped(core::StateMap::Load(archive, layout.state_dim()));
       if (constants.size() != static_cast<std::size_t>(constant_entries->num_features())) {
         archive.Fail("does not hold one constant per constant entry");
       }

@@ -11,7 +11,7 @@
 
 DFR_FUZZ_TARGET(guard) {
   const std::string_view input = dfr::fuzz::AsText(data, size);
-  const std::int64_t version = 1 + (size > 0 ? data[0] % 5 : 0);
+  const std::int64_t version = 1 + (size > 0 ? data[0] % 6 : 0);
   const std::string_view values = input.substr(std::min<std::size_t>(1, size));
   try {
     auto guard = dfr::safety::Guard::Load(

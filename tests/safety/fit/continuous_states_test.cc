@@ -284,6 +284,43 @@ TEST(ContinuousStatesTest, AFileKeepsRotationsAndWarnings) {
   std::filesystem::remove(path);
 }
 
+// A tool that points down: its roll is pi or -pi, and its quaternion has either sign.
+TEST(ContinuousStatesTest, AFileKeepsOneOrientationInTwoNotations) {
+  const auto path = std::filesystem::path(testing::TempDir()) / "constant_rotation.guard";
+  const auto roll = [](double, core::Random& random) {
+    return std::vector{random.Uniform() < 0.5 ? kPi : -kPi};
+  };
+  const auto quaternion = [](double, core::Random& random) {
+    return Quaternion(1.0, random.Uniform() < 0.5 ? 1.0 : -1.0);
+  };
+  for (const auto& [name, rotation] : {std::pair<const char*, Writer>("roll", roll),
+                                       std::pair<const char*, Writer>("quat", quaternion)}) {
+    SCOPED_TRACE(name);
+    const auto recorded = Turning(rotation, 1, 30, 0.3);
+    const auto size = static_cast<int>(recorded[0].states.cols()) - 2;
+    const auto model = GuardModel::Fit(Layout(name, size), recorded);
+    EXPECT_EQ(model->num_constants(), size);
+    model->Save(path);
+    Guard ours(model);
+    Guard theirs(GuardModel::Load(path));
+    ours.Reset(1);
+    theirs.Reset(1);
+    const auto fresh = Turning(rotation, 2, 1, 0.3)[0];
+    std::vector<double> safe(3);
+    std::vector<double> same(3);
+    for (int t = 0; t < fresh.num_steps(); ++t) {
+      const auto state = core::Row(fresh.states, t);
+      const Verdict a = ours.Filter(t, state, core::Row(fresh.controls, t), safe);
+      const Verdict b = theirs.Filter(t, state, core::Row(fresh.controls, t), same);
+      ASSERT_NE(a.cause, HaltCause::kStateInvalid) << t;
+      ASSERT_EQ(a.cause, b.cause) << t;
+      ASSERT_EQ(a.alarm, b.alarm) << t;
+      ASSERT_EQ(safe, same) << t;
+    }
+  }
+  std::filesystem::remove(path);
+}
+
 TEST(ContinuousStatesTest, ExportsOfRotationsAreRefused) {
   for (const auto& [model, name] :
        {std::pair(QuaternionModel(), "quat[0:4]"), {RevolvingModel(), "the angle angle[0]"}}) {
