@@ -9,6 +9,7 @@
 
 #include "commands.h"
 #include "dfr/core/features/absolute_actions.h"
+#include "dfr/core/text/format.h"
 #include "dfr/imitation/demonstrations.h"
 #include "dfr/imitation/minari.h"
 
@@ -63,9 +64,11 @@ std::vector<core::AbsoluteAction> FindPositions(const imitation::DemonstrationRe
   std::set<int> left;
   for (int k = 0; k < reader.control_dim(); ++k) left.insert(k);
   for (const core::AbsoluteAction& entry : absolute) {
-    Print("action %d becomes %s minus %s\n", entry.action,
+    const std::string modulo =
+        entry.period > 0.0 ? core::Format(", modulo %.4g", entry.period) : std::string();
+    Print("action %d becomes %s minus %s%s\n", entry.action,
           entry.leads ? "the action" : "its next value",
-          core::EntryName(reader.layout(), entry.state).c_str());
+          core::EntryName(reader.layout(), entry.state).c_str(), modulo.c_str());
     left.erase(entry.action);
   }
   for (const int k : left) {

@@ -166,6 +166,19 @@ class GuardDataTest(GuardProgramTest):
         message = self.run_guard("convert", "steps.hdf5", "twice.hdf5", "--differences", fails=True)
         self.assertIn("--differences has nothing to convert", message)
 
+    def test_targets_of_an_angle_become_increments_modulo_its_period(self):
+        rng = np.random.default_rng(3)
+        data = []
+        for _ in range(12):
+            yaw = 2.8 + np.cumsum(np.r_[0.1 * rng.normal(), 0.06 + 0.01 * rng.normal(size=30)])
+            data.append(({"yaw": np.angle(np.exp(1j * yaw))[:, None]}, np.angle(np.exp(1j * yaw[1:]))[:, None]))
+        write_robomimic(self.folder / "wrapped.hdf5", data)
+        out = self.run_guard("convert", "wrapped.hdf5", "steps.hdf5", "--differences")
+        self.assertIn("action 0 becomes the action minus yaw[0], modulo 6.283", out)
+        with h5py.File(self.folder / "steps.hdf5") as file:
+            for i in range(len(data)):
+                self.assertLess(np.abs(file[f"data/demo_{i}/actions"][:]).max(), 0.2)
+
     def test_many_doubled_entries_are_one_line(self):
         data = episodes(1, 6)
         for observations, _ in data:

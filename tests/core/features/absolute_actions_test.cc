@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <numbers>
 #include <span>
 #include <vector>
 
@@ -113,6 +114,52 @@ TEST(AbsoluteActionsTest, DifferencesAreTheDistanceToTheTarget) {
     if (&episode != &set[3]) ToDifferences(std::vector<AbsoluteAction>{{0, 0}, {1, 1}}, episode);
   }
   EXPECT_TRUE(FindAbsoluteActions(set).empty());
+}
+
+// The target and the angle cross the end of the period in different steps.
+TEST(AbsoluteActionsTest, DifferencesOfAnglesAreModuloTheirPeriod) {
+  for (const double period : {2.0 * std::numbers::pi, 360.0}) {
+    for (const double lag : {1.0, 0.5}) {
+      SCOPED_TRACE(lag);
+      auto plain = RollOut(Targets(lag, 0.02));
+      auto set = plain;
+      const auto wrap = [&](double value) { return std::remainder(value, period); };
+      for (std::size_t i = 0; i < set.size(); ++i) {
+        for (Matrix* values : {&plain[i].states, &plain[i].controls}) {
+          values->col(0) = 0.5 * period + 0.1 * period * values->col(0).array();
+        }
+        set[i] = plain[i];
+        set[i].states.col(0) = set[i].states.col(0).unaryExpr(wrap);
+        set[i].controls.col(0) = set[i].controls.col(0).unaryExpr(wrap);
+      }
+      const auto found = FindAbsoluteActions(set);
+      ASSERT_EQ(found.size(), 2u);
+      EXPECT_EQ(found[0].period, period);
+      EXPECT_EQ(found[1].period, 0.0);
+      for (std::size_t i = 0; i < set.size(); ++i) {
+        ToDifferences(found, set[i]);
+        EXPECT_LE((set[i].controls - plain[i].controls + plain[i].states.topRows(60))
+                      .cwiseAbs()
+                      .maxCoeff(),
+                  1e-12 * period);
+      }
+    }
+  }
+}
+
+TEST(AbsoluteActionsTest, DifferencesOfARepeatedAngleAreModuloItsPeriod) {
+  auto set = RollOut(Targets(1.0));
+  for (Trajectory& episode : set) {
+    for (double& x : episode.states.reshaped()) x = std::remainder(3.0 + x, 2.0 * std::numbers::pi);
+    episode.controls = episode.states.topRows(60);
+  }
+  const auto found = FindAbsoluteActions(set);
+  ASSERT_EQ(found.size(), 2u);
+  EXPECT_FALSE(found[0].leads);
+  for (Trajectory& episode : set) {
+    ToDifferences(found, episode);
+    EXPECT_LT(episode.controls.cwiseAbs().maxCoeff(), 1.0);
+  }
 }
 
 TEST(AbsoluteActionsTest, VelocitiesAreNotTargets) {

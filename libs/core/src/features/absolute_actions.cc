@@ -20,6 +20,12 @@ double Share(const Eigen::MatrixXd& uu, const Eigen::VectorXd& uy, double yy) {
   return uy.dot(SolveSymmetric(regular, uy).col(0)) / yy;
 }
 
+StateLayout SeparateEntries(int count) {
+  StateLayout layout;
+  for (int i = 0; i < count; ++i) layout.Add(std::to_string(i), 1);
+  return layout;
+}
+
 }  // namespace
 
 ActionAnalysis::ActionAnalysis(int state_dim, int control_dim)
@@ -37,7 +43,8 @@ ActionAnalysis::ActionAnalysis(int state_dim, int control_dim)
       history_products_(Eigen::MatrixXd::Zero(history_.size(), history_.size())),
       history_changes_(Eigen::MatrixXd::Zero(history_.size(), n_)),
       changes_(steps_),
-      change_squares_(steps_) {}
+      change_squares_(steps_),
+      angles_(SeparateEntries(state_dim)) {}
 
 void ActionAnalysis::Add(const Trajectory& episode) {
   const Eigen::Index steps = episode.controls.rows();
@@ -53,6 +60,7 @@ void ActionAnalysis::Add(const Trajectory& episode) {
   products_.rightCols(n_).noalias() += episode.controls.transpose() * next;
   steps_ += now.cwiseProduct(next).colwise().sum().transpose();
   count_ += static_cast<double>(steps);
+  angles_.Add(episode.states);
   AddHistory(episode);
 }
 
@@ -235,7 +243,14 @@ std::vector<AbsoluteAction> ActionAnalysis::Absolute() const {
     }
     if (best) found.push_back(*best);
   }
-  return MovesUnmatchedEntry(found) ? std::vector<AbsoluteAction>() : found;
+  if (found.empty() || MovesUnmatchedEntry(found)) return {};
+  for (const Rotation& angle : angles_.Find()) {
+    if (angle.kind != Rotation::Kind::kAngle) continue;
+    for (AbsoluteAction& match : found) {
+      if (match.state == angle.first) match.period = angle.period;
+    }
+  }
+  return found;
 }
 
 bool ActionAnalysis::MovesUnmatchedEntry(const std::vector<AbsoluteAction>& candidates) const {
@@ -287,6 +302,9 @@ void ToDifferences(std::span<const AbsoluteAction> absolute, Trajectory& episode
     const auto x = episode.states.col(entry.state);
     if (!entry.leads) u = x.tail(steps);
     u -= x.head(steps);
+    if (entry.period > 0.0) {
+      u = u.unaryExpr([&](double step) { return std::remainder(step, entry.period); }).eval();
+    }
   }
 }
 

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "dfr/core/features/features.h"
+#include "dfr/core/features/rotations.h"
 #include "dfr/core/trajectory.h"
 
 namespace dfr::core {
@@ -18,6 +19,7 @@ struct AbsoluteAction {
   bool leads = true;
   double correlation = 0.0;  ///< Correlation with the state entry at the same or the next step.
   double slope = 0.0;        ///< Slope of the action over the same state entry; 1 for a target.
+  double period = 0.0;       ///< Period of the state entry if it is an angle that jumps; else 0.
 };
 
 /// Distinguishes target positions from velocities and increments in a set of episodes.
@@ -84,14 +86,15 @@ class ActionAnalysis {
   Eigen::MatrixXd history_changes_;
   Eigen::VectorXd changes_;
   Eigen::VectorXd change_squares_;
+  RotationFinder angles_;  // Regards each entry of the state by itself.
 };
 
 /// Returns the targets in a set of demonstrations; empty if the set is empty.
 [[nodiscard]] std::vector<AbsoluteAction> FindAbsoluteActions(
     std::span<const Trajectory> demonstrations);
 
-/// Converts targets to increments: u_k(t) - x_j(t), or x_j(t + 1) - x_j(t) if `leads` is false.
-/// Does not change other entries.
+/// Converts targets to increments: u_k(t) - x_j(t), or x_j(t + 1) - x_j(t) if `leads` is false. An
+/// increment of an angle that jumps lies within half a period of 0. Does not change other entries.
 void ToDifferences(std::span<const AbsoluteAction> absolute, Trajectory& episode);
 
 /// Returns one sentence for an error or a warning: "actions 0, 1 take the values of joint[0],
