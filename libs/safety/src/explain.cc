@@ -142,8 +142,12 @@ std::string WrongInput(const GuardModel& model, std::span<const double> state,
   const core::Matrix seen = model.TaskStates(row);
   std::vector<double> values(static_cast<std::size_t>(model.num_constants()));
   const std::span<const double> task_state = core::Row(seen, 0);
-  const bool mappable = model.task().features().selection().map().FindInvalid(task_state) < 0;
-  if (const int entry = mappable ? model.FindChangedConstant(task_state, values) : -1; entry >= 0) {
+  if (const int entry = model.FindImmeasurableAngle(task_state); entry >= 0) {
+    return core::EntryName(model.task_layout(), entry) +
+           core::Format(" of the state is %.4g, more than a million revolutions from zero",
+                        task_state[static_cast<std::size_t>(entry)]);
+  }
+  if (const int entry = model.FindChangedConstant(task_state, values); entry >= 0) {
     return core::EntryName(model.task_layout(), entry) +
            core::Format(" of the state is %.4g, unlike in all demonstrations, where it is constant",
                         task_state[static_cast<std::size_t>(entry)]);

@@ -171,10 +171,9 @@ struct Guard::Episode {
     const bool reduced = !workspace || model.reduction()->Apply(state, *workspace);
     const std::span<const double> task_state = workspace ? workspace->state() : state;
     novel = workspace && workspace->novelty() > 1.0;
-    if (!(usable && reduced)) return {task_state, false};
-    novel = novel || (model.task().features().selection().map().FindInvalid(task_state) < 0 &&
-                      model.FindChangedConstant(task_state, constants) >= 0);
-    return {task_state, true};
+    const bool valid = usable && reduced && model.FindImmeasurableAngle(task_state) < 0;
+    novel = novel || (valid && model.FindChangedConstant(task_state, constants) >= 0);
+    return {task_state, valid};
   }
 
   // Returns the first sensor group that stands still for too long with `state` as the next state;

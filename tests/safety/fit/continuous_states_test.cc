@@ -253,6 +253,40 @@ TEST(ContinuousStatesTest, AnAngleOverSeveralRevolutionsIsContinuous) {
   }
 }
 
+// At 1e30 revolutions a double holds no angle.
+TEST(ContinuousStatesTest, AnAngleThatNoRobotReportsHaltsWithItsEntry) {
+  const auto centred = GuardModel::Fit(Layout("angle", 1), Turning(Wrapped, 1, 30, 2.6));
+  const auto constant = GuardModel::Fit(
+      Layout("angle", 1),
+      Turning([](double,
+                 core::Random& random) { return std::vector{random.Uniform() < 0.5 ? kPi : -kPi}; },
+              1, 30, 0.3));
+  EXPECT_EQ(constant->num_constants(), 1);
+  for (const auto& model : {RevolvingModel(), centred, constant}) {
+    EXPECT_EQ(model->Periods(), (std::vector{0.0, 0.0, 2.0 * kPi}));
+    for (const double revolutions : {1e5, -1e5, 1.1e6, -1.1e6, 1e30, 1e307}) {
+      SCOPED_TRACE(revolutions);
+      const bool legal = std::abs(revolutions) < 1e6;
+      const std::vector<double> state = {0.0, 0.0, 2.0 * kPi * revolutions + kPi};
+      const std::vector<double> wish = test::Action(0.05, 0.0);
+      const std::vector<double> action = {wish[0], wish[1], 0.1};
+      std::vector<double> safe(3);
+      Guard guard(test::As(Strategy::kMonitor, model));
+      guard.Reset(1);
+      const ChunkVerdict chunk = guard.FilterChunk(0, state, action);
+      EXPECT_EQ(chunk.cause, legal ? HaltCause::kNone : HaltCause::kStateInvalid);
+      const Verdict verdict = guard.Filter(0, state, action, safe);
+      EXPECT_EQ(verdict.cause, legal ? HaltCause::kNone : HaltCause::kStateInvalid);
+      if (legal) continue;
+      EXPECT_EQ(safe, std::vector<double>(3, 0.0));
+      EXPECT_THAT(
+          Explain(*model, verdict, state, action),
+          testing::MatchesRegex("halted: angle\\[0\\] of the state is .*e\\+.*, more than a "
+                                "million revolutions from zero"));
+    }
+  }
+}
+
 TEST(ContinuousStatesTest, RotationsThatJumpCauseAWarning) {
   const auto jumping = Turning(Flipped, 1, 30, 0.3, 0.5);
   const auto spun = GuardModel::Fit(Layout("quat", 4), jumping, {.accept_any = true});

@@ -243,10 +243,17 @@ class GuardModel {
   /// part of support and response.
   [[nodiscard]] int num_constants() const noexcept { return static_cast<int>(constants_.size()); }
   /// Returns the first entry of a finite state of task() that was constant in all demonstrations
-  /// and now differs, by more than fit::kConstantTolerance; -1 if there is none. Real-time safe.
+  /// and now differs, by more than fit::kConstantTolerance; -1 if there is none, or if the state
+  /// has a quaternion that StateMap::FindInvalid() rejects. Real-time safe.
   /// @param values  num_constants() entries; receives the compared entries.
   [[nodiscard]] int FindChangedConstant(std::span<const double> task_state,
                                         std::span<double> values) const noexcept;
+  /// Returns the first entry of a finite state of task() that is an angle with jumps and more than
+  /// 1e6 periods from zero, as no robot reports it; -1 if there is none. Real-time safe.
+  [[nodiscard]] int FindImmeasurableAngle(std::span<const double> task_state) const noexcept;
+  /// Returns the period of each entry of a state of layout() that is an angle with jumps among the
+  /// requested features; 0 for other entries.
+  [[nodiscard]] std::vector<double> Periods() const;
   /// Returns the map from a state of task() to the context of demonstrated controls: entries that
   /// only the unsteered entries of an action move. Null: none.
   [[nodiscard]] const core::FeatureTransform* context() const noexcept {
@@ -275,6 +282,9 @@ class GuardModel {
 
  private:
   GuardModel() = default;
+  /// Calls visit(entry, period) for each angle with jumps in states of task().
+  template <typename Visit>
+  void EachAngle(const Visit& visit) const;
   /// @param may_narrow  allows doubling gamma to cover more left-out states per volume.
   static std::shared_ptr<GuardModel> FitStates(const core::StateLayout& layout,
                                                std::span<const core::Trajectory> demonstrations,
