@@ -92,7 +92,8 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
     positions : sequence of int or None, optional
         For actions that are target positions: entry k of an action is a target for entry positions[k] of the
         guard's state. None leaves the entry unchanged: zero must hold it still. The guard then filters target
-        minus present position, and the position is added to its result: a halt holds the present pose.
+        minus present position, and the position is added to its result: a halt holds the present pose. An angle
+        with a period in `guard.periods` takes the short way to its target.
         Required for a guard that was fitted with differences: without it a target is limited as an increment.
     action_names : sequence of str, optional
         The order of the entries of a dictionary action; by default the order of the first action.
@@ -154,6 +155,9 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
                 raise TypeError(f"action_names must be names, not {name!r}")
             if self.action_names.count(name) > 1:
                 raise ValueError(f"action_names names {name!r} twice")
+        periods = [0.0 if entry is None else guard.periods[entry] for entry in self.positions or ()]
+        self._angles = np.flatnonzero(periods)
+        self._periods = np.array(periods)[self._angles]
         self._forget()
         self.guard.stop()  # halts until reset()
 
@@ -232,8 +236,11 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
                 "this step before each action, or put the step into the robot_action_processor"
             )
         present = self._present(state)
+        turns = np.zeros_like(present)
         if wish.shape == present.shape:
             wish = wish - present
+            turns[self._angles] = self._periods * np.round(wish[self._angles] / self._periods)
+            wish = wish - turns
         safe, info = self.guard.filter(self._t, state, wish)
         self._t += 1
         self._chunk += taken
@@ -248,7 +255,7 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
         finally:
             if halt and not halted and self.on_halt is not None:
                 self.on_halt(info)
-        return safe + present, info
+        return (present if halt else safe + present + turns), info
 
     def _filter(
         self, original: Any, observation: Mapping[str, Any] | None, taken: int = 0

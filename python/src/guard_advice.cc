@@ -321,7 +321,11 @@ they are at the pixels of the points that are outside.
 Returns
 -------
 ndarray of shape (n_states, state_dim)
-)");
+)")
+      .def_property_readonly("periods", [](const Guard& guard) {
+        const std::vector<double> periods = guard.model().Periods();
+        return NewVector(std::ssize(periods), periods.data());
+      });
 }
 
 }  // namespace dfr::python

@@ -240,7 +240,8 @@ source : str
 differences : bool
     Convert actions that are target positions, actions[t, k] = states[t, j] or states[t + 1, j], to
     increments by subtracting states[t, j]. Also subtract the present state's entry j from the policy's
-    actions before `filter`.
+    actions before `filter`. For an angle with jumps, d - period * round(d / period) is the increment of the
+    difference d, in the fit and before `filter`, with the period in `periods`.
 as_recorded : bool
     Accept actions that look like target positions, which are refused otherwise.
 accept_any : bool
