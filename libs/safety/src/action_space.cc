@@ -29,7 +29,8 @@ std::vector<int> SteeredOf(const std::vector<ActionEntry>& entries) {
 // Linear response of the changes of a state to an action u, over all demonstrations. It maps u to
 // changes dx, and differences of consecutive u to differences of consecutive changes.
 struct LinearResponse {
-  explicit LinearResponse(std::span<const core::Trajectory> demonstrations) {
+  LinearResponse(std::span<const core::Trajectory> demonstrations,
+                 std::span<const std::size_t> order) {
     const Eigen::Index m = demonstrations[0].controls.cols();
     const Eigen::Index n = demonstrations[0].states.cols();
     Eigen::MatrixXd uu = Eigen::MatrixXd::Zero(m, m);
@@ -37,7 +38,8 @@ struct LinearResponse {
     Eigen::MatrixXd ux = Eigen::MatrixXd::Zero(m, n);
     Eigen::MatrixXd ux_at_once = ux;
     all = Eigen::VectorXd::Zero(n);
-    for (const core::Trajectory& d : demonstrations) {
+    for (const std::size_t i : order) {
+      const core::Trajectory& d = demonstrations[i];
       const Eigen::Index steps = d.controls.rows();
       const Eigen::MatrixXd u = d.controls;
       const Eigen::MatrixXd dx = d.states.bottomRows(steps) - d.states.topRows(steps);
@@ -84,16 +86,18 @@ struct LinearResponse {
 
 }  // namespace
 
-ActionSpace::ActionSpace(std::span<const core::Trajectory> demonstrations) {
+ActionSpace::ActionSpace(std::span<const core::Trajectory> demonstrations,
+                         std::vector<std::size_t> order) {
   DFR_THROW_UNLESS(!demonstrations.empty(), "there are no demonstrations");
   const Eigen::Index dim = demonstrations[0].controls.cols();
   entries_.resize(static_cast<std::size_t>(dim));
   // The order of the sum must not depend on the order of the demonstrations.
-  const std::vector<core::Trajectory> ordered = core::InDeterministicOrder(demonstrations);
+  if (order.empty()) order = core::DeterministicOrder(demonstrations);
   double moving = 0.0;
   std::vector<double> squares(entries_.size(), 0.0);
   std::vector<control::FewValues> values(entries_.size());
-  for (const core::Trajectory& demonstration : ordered) {
+  for (const std::size_t d : order) {
+    const core::Trajectory& demonstration = demonstrations[d];
     for (Eigen::Index t = 0; t < demonstration.controls.rows(); ++t) {
       const auto u = demonstration.controls.row(t);
       moving += u.squaredNorm() > 0.0 ? 1.0 : 0.0;
@@ -114,7 +118,7 @@ ActionSpace::ActionSpace(std::span<const core::Trajectory> demonstrations) {
   for (std::size_t i = 0; i < entries_.size(); ++i) {
     entries_[i].steered = moves(i);
     if (!moves(i) || values[i].values().empty()) continue;
-    if (!response) response.emplace(ordered);
+    if (!response) response.emplace(demonstrations, order);
     entries_[i].steered = response->Moves(static_cast<Eigen::Index>(i));
   }
   // If no entry is steered, steers all entries that demonstrations use.

@@ -156,11 +156,15 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
   };
   const std::span<const core::Trajectory> as_recorded = demonstrations;
   std::vector<core::Trajectory> varying = internal::WithoutConstants(as_recorded);
-  const auto actions = std::make_shared<const ActionSpace>(
+  const std::vector<std::size_t> sums = core::DeterministicOrder(
       varying.empty() ? as_recorded : std::span<const core::Trajectory>(varying));
+  std::vector<core::Trajectory> steady = internal::WithoutJumps(layout, as_recorded);
+  varying = internal::WithoutConstants(steady);
+  const auto actions =
+      std::make_shared<const ActionSpace>(varying.empty() ? steady : varying, sums);
   const auto asked = core::FeatureSelection::Of(layout, options.features);
   const std::vector<int> moved =
-      internal::MovedByPassed(asked, *actions, core::InDeterministicOrder(as_recorded));
+      internal::MovedByPassed(asked, *actions, steady, core::DeterministicOrder(as_recorded));
   core::FeatureSelection selection = internal::Continuous(
       moved.empty() ? asked : internal::Without(asked, layout, moved), layout, as_recorded);
   std::vector<core::Trajectory> mapped;

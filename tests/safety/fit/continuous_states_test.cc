@@ -287,6 +287,37 @@ TEST(ContinuousStatesTest, AnAngleThatNoRobotReportsHaltsWithItsEntry) {
   }
 }
 
+// An axis with two speeds turns an angle. Its jumps do not make it a gripper.
+TEST(ContinuousStatesTest, AnAxisThatTurnsAWrappedAngleIsSteered) {
+  core::Random random(6);
+  std::vector<core::Trajectory> plain = test::CorridorDemonstrations(2, 20, 24);
+  for (core::Trajectory& d : plain) {
+    core::Matrix states(d.states.rows(), 3);
+    states.leftCols(2) = d.states.rightCols(2);
+    d.controls.conservativeResize(Eigen::NoChange, 3);
+    double yaw = 0.2 * random.Uniform();
+    for (Eigen::Index t = 0; t < states.rows(); ++t) {
+      states(t, 2) = yaw;
+      if (t == d.controls.rows()) break;
+      d.controls(t, 2) = random.Uniform() < 0.75 ? 0.3 : 0.0;
+      yaw += d.controls(t, 2);
+    }
+    d.states = states;
+  }
+  std::vector<core::Trajectory> wrapped = plain;
+  for (core::Trajectory& d : wrapped) {
+    for (Eigen::Index t = 0; t < d.states.rows(); ++t) {
+      d.states(t, 2) = std::remainder(d.states(t, 2), 2.0 * kPi);
+    }
+  }
+  for (const auto& demonstrations : {plain, wrapped}) {
+    const auto model = GuardModel::Fit(Layout("yaw", 1), demonstrations, {.accept_any = true});
+    EXPECT_EQ(model->actions().steered_dim(), 3);
+    EXPECT_EQ(model->context(), nullptr);
+    EXPECT_THAT(Warnings(*model), Not(Contains(HasSubstr("few demonstrated values"))));
+  }
+}
+
 TEST(ContinuousStatesTest, RotationsThatJumpCauseAWarning) {
   const auto jumping = Turning(Flipped, 1, 30, 0.3, 0.5);
   const auto spun = GuardModel::Fit(Layout("quat", 4), jumping, {.accept_any = true});

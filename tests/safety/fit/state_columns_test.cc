@@ -5,6 +5,7 @@
 #include <cmath>
 #include <filesystem>
 #include <functional>
+#include <numbers>
 #include <string>
 #include <utility>
 #include <vector>
@@ -169,6 +170,14 @@ TEST(StateColumnsTest, AClockDoesNotHideAStateThatStandsStill) {
   };
   EXPECT_EQ(first_entry(), 1);
   for (core::Trajectory& d : demonstrations) d.states.col(0).array() += 1e4 * random.Normal();
+  EXPECT_EQ(first_entry(), 1);
+  // The phase of a cycle is an angle.
+  for (core::Trajectory& d : demonstrations) {
+    const double begin = random.Uniform();
+    for (Eigen::Index t = 0; t < d.states.rows(); ++t) {
+      d.states(t, 0) = std::remainder(begin + 0.7 * static_cast<double>(t), 2.0 * std::numbers::pi);
+    }
+  }
   EXPECT_EQ(first_entry(), 1);
   // An entry that advances with the actions is not a clock.
   for (core::Trajectory& d : demonstrations) d.states.col(0) = 2.0 * d.states.col(1);

@@ -323,6 +323,25 @@ std::vector<Rotation> FindRotations(const StateLayout& layout,
   return finder.Find();
 }
 
+void RemoveJumps(std::span<const Rotation> rotations, Matrix& states) {
+  for (const Rotation& r : rotations) {
+    if (r.kind == Kind::kAngle) {
+      auto angle = states.col(r.first);
+      double turned = 0.0;
+      for (Eigen::Index t = 1; t < angle.size(); ++t) {
+        turned += r.period * std::round((angle[t - 1] - angle[t] - turned) / r.period);
+        angle[t] += turned;
+      }
+    }
+    if (r.kind == Kind::kQuaternion) {
+      auto q = states.middleCols(r.first, r.size);
+      for (Eigen::Index t = 1; t < q.rows(); ++t) {
+        if (q.row(t).dot(q.row(t - 1)) < 0.0) q.row(t) *= -1.0;
+      }
+    }
+  }
+}
+
 StateMap MapOf(std::span<const Rotation> rotations) {
   std::vector<StateMap::Quaternion> quaternions;
   std::vector<StateMap::Angle> angles;

@@ -125,7 +125,8 @@ core::FeatureSelection Continuous(const core::FeatureSelection& features,
 }
 
 std::vector<int> MovedByPassed(const core::FeatureSelection& features, const ActionSpace& actions,
-                               std::span<const core::Trajectory> demonstrations) {
+                               std::span<const core::Trajectory> demonstrations,
+                               std::span<const std::size_t> order) {
   constexpr std::size_t kSamples = 4000;
   constexpr double kRounding = 1e-9;  // A negligible fraction of the squared changes.
   const auto steered = static_cast<Eigen::Index>(actions.steered_dim());
@@ -141,7 +142,8 @@ std::vector<int> MovedByPassed(const core::FeatureSelection& features, const Act
   std::vector<Eigen::VectorXd> change(before);
   std::size_t sample = 0;
   Eigen::Index row = 0;
-  for (const auto& d : demonstrations) {
+  for (const std::size_t episode : order) {
+    const core::Trajectory& d = demonstrations[episode];
     for (Eigen::Index t = 0; t < d.controls.rows(); ++t, ++sample) {
       if (sample % stride != 0) continue;
       for (std::size_t k = 0; k < before.size(); ++k) {
@@ -222,6 +224,14 @@ std::vector<core::Trajectory> WithoutConstants(std::span<const core::Trajectory>
   varying.assign(demonstrations.begin(), demonstrations.end());
   for (core::Trajectory& d : varying) d.states = core::Matrix(d.states(Eigen::all, kept));
   return varying;
+}
+
+std::vector<core::Trajectory> WithoutJumps(const core::StateLayout& layout,
+                                           std::span<const core::Trajectory> demonstrations) {
+  const std::vector<core::Rotation> rotations = core::FindRotations(layout, demonstrations);
+  std::vector<core::Trajectory> steady(demonstrations.begin(), demonstrations.end());
+  for (core::Trajectory& d : steady) core::RemoveJumps(rotations, d.states);
+  return steady;
 }
 
 std::string Names(const core::StateLayout& layout, std::span<const int> entries) {

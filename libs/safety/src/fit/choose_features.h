@@ -22,9 +22,10 @@ core::FeatureSelection Continuous(const core::FeatureSelection& features,
                                   std::span<const core::Trajectory> demonstrations);
 /// Returns the entries among `features`, such as the opening of a gripper, that depend on unsteered
 /// entries of an action but not on steered ones. A guard can neither predict nor correct them.
-/// Empty if all features are of this kind.
+/// Empty if all features are of this kind. Samples the demonstrations WithoutJumps() in this order.
 std::vector<int> MovedByPassed(const core::FeatureSelection& features, const ActionSpace& actions,
-                               std::span<const core::Trajectory> demonstrations);
+                               std::span<const core::Trajectory> demonstrations,
+                               std::span<const std::size_t> order);
 
 /// Returns the map from a state to the context on which controls depend in addition to features:
 /// `entries`, made continuous, in units of fit::kContextUnit times their demonstrated range.
@@ -36,6 +37,10 @@ std::vector<int> ConstantEntries(const core::FeatureSelection& features,
 /// Returns copies of the demonstrations without the constant entries of their states; empty if no
 /// entry is constant. The order of the copies by content does not depend on constant entries.
 std::vector<core::Trajectory> WithoutConstants(std::span<const core::Trajectory> demonstrations);
+/// Returns copies of the demonstrations in which angles and quaternions do not jump between states
+/// (core::RemoveJumps()), for analyses of changes.
+std::vector<core::Trajectory> WithoutJumps(const core::StateLayout& layout,
+                                           std::span<const core::Trajectory> demonstrations);
 /// Lists entries for a message, at most eight by name.
 std::string Names(const core::StateLayout& layout, std::span<const int> entries);
 /// Returns these entries as features.

@@ -288,14 +288,16 @@ std::vector<std::string> FitWarnings(const GuardModel& model,
       continue;
     warnings.push_back(core::Describe(rotation, model.task_layout()));
   }
+  const std::vector<core::Trajectory> steady =
+      internal::WithoutJumps(model.task_layout(), demonstrations);
   std::string clocks;
   std::vector<int> uniform;
   std::vector<int> entries = model.task().features().selection().indices();
   entries.erase(std::unique(entries.begin(), entries.end()), entries.end());
   for (const int entry : entries) {
-    if (internal::FollowsClock(demonstrations, entry)) {
+    if (internal::FollowsClock(steady, entry)) {
       clocks.append(clocks.empty() ? "" : ", ").append(core::EntryName(model.task_layout(), entry));
-    } else if (internal::AdvancesUniformly(demonstrations, entry)) {
+    } else if (internal::AdvancesUniformly(steady, entry)) {
       uniform.push_back(entry);
     }
   }
@@ -311,10 +313,10 @@ std::vector<std::string> FitWarnings(const GuardModel& model,
         ": advances uniformly for any actions, like a clock or a phase. A slower robot would be "
         "outside: leave such entries out of the features, except objects that move by themselves");
   }
-  for (std::string fault : {DescribeRepeated(model, demonstrations), DescribeDelay(model, ordered),
-                            internal::DescribeRest(model, demonstrations),
-                            internal::DescribeJumps(model, demonstrations),
-                            internal::DescribeLargest(demonstrations)}) {
+  for (std::string fault :
+       {DescribeRepeated(model, demonstrations), DescribeDelay(model, ordered),
+        internal::DescribeRest(model, steady), internal::DescribeJumps(model, demonstrations),
+        internal::DescribeLargest(demonstrations)}) {
     if (!fault.empty()) warnings.push_back(std::move(fault));
   }
   const Changes changes = JudgeChanges(model, ordered);

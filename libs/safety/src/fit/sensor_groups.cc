@@ -6,6 +6,7 @@
 #include "dfr/core/features/features.h"
 #include "dfr/core/numerics/linear_algebra.h"
 #include "dfr/safety/constants.h"
+#include "fit/choose_features.h"
 
 namespace dfr::safety::internal {
 namespace {
@@ -29,6 +30,35 @@ double ChangesLeftByActions(std::span<const core::Trajectory> demonstrations, Ei
   }
   return all > 0.0 ? 1.0 - sum.dot(core::PseudoInverse(squares) * sum) / all : 0.0;
 }
+
+// The blocks of the state that contain some of `entries`, without jumps.
+struct SteadyBlocks {
+  SteadyBlocks(const core::StateLayout& whole, const std::vector<int>& entries,
+               std::span<const core::Trajectory> recorded) {
+    core::StateLayout layout;
+    for (const auto& block : whole.blocks) {
+      if (std::ranges::none_of(entries, [&](int entry) {
+            return entry >= block.offset && entry < block.offset + block.size;
+          })) {
+        continue;
+      }
+      layout.Add(block.name, block.size);
+      for (int i = 0; i < block.size; ++i) columns.push_back(block.offset + i);
+    }
+    for (const core::Trajectory& d : recorded) {
+      core::Trajectory& part = demonstrations.emplace_back();
+      part.states = d.states(Eigen::all, columns);
+      part.controls = d.controls;
+    }
+    if (!columns.empty()) demonstrations = WithoutJumps(layout, demonstrations);
+  }
+  [[nodiscard]] Eigen::Index ColumnOf(int entry) const {
+    return std::ranges::lower_bound(columns, entry) - columns.begin();
+  }
+
+  std::vector<int> columns;  // Ascending entries of the whole state.
+  std::vector<core::Trajectory> demonstrations;
+};
 
 bool StandsStill(const SensorGroup& group, const core::Matrix& states, Eigen::Index t) {
   return std::ranges::all_of(group.ranges, [&](const SensorGroup::Range& range) {
@@ -122,10 +152,12 @@ std::vector<SensorGroup> FitSensorGroups(const GuardModel& model,
   std::ranges::sort(others);
   others.erase(std::unique(others.begin(), others.end()), others.end());
   // Excludes entries that advance with time, because they change even while a sensor is frozen.
+  const SteadyBlocks steady(model.layout(), others, demonstrations);
   std::erase_if(others, [&](int entry) {
-    return AdvancesUniformly(demonstrations, entry) ||
-           (FollowsClock(demonstrations, entry) &&
-            ChangesLeftByActions(demonstrations, entry) >= kLeastUnexplained);
+    const Eigen::Index column = steady.ColumnOf(entry);
+    return AdvancesUniformly(steady.demonstrations, column) ||
+           (FollowsClock(steady.demonstrations, column) &&
+            ChangesLeftByActions(steady.demonstrations, column) >= kLeastUnexplained);
   });
   SensorGroup rest;
   for (const int entry : others) {

@@ -27,8 +27,11 @@ struct ActionEntry {
 /// an action may combine metres, radians and a gripper of +-1. Immutable.
 class ActionSpace {
  public:
+  /// Entries of states must not jump (core::RemoveJumps()): an axis would look like a gripper.
+  /// @param order  the order of summation; empty: core::DeterministicOrder().
   /// @throws std::invalid_argument if all demonstrated actions are zero.
-  explicit ActionSpace(std::span<const core::Trajectory> demonstrations);
+  explicit ActionSpace(std::span<const core::Trajectory> demonstrations,
+                       std::vector<std::size_t> order = {});
   void Save(core::ArchiveWriter& archive) const;
   /// @throws std::runtime_error naming the file and its defect.
   static ActionSpace Load(core::ArchiveReader& archive);

@@ -112,6 +112,11 @@ class RotationFinder {
 [[nodiscard]] std::vector<Rotation> FindRotations(const StateLayout& layout,
                                                   std::span<const Trajectory> demonstrations);
 
+/// Removes the jumps of angles and quaternions between consecutive rows of one episode, in order of
+/// time: an angle counts its revolutions, and a quaternion keeps its sign. Rows before the first
+/// jump stay unchanged.
+void RemoveJumps(std::span<const Rotation> rotations, Matrix& states);
+
 /// Returns the map that makes these rotations continuous.
 [[nodiscard]] StateMap MapOf(std::span<const Rotation> rotations);
 
