@@ -32,6 +32,7 @@ class WrappedAngleTest(unittest.TestCase):
     def test_increments_of_a_wrapped_angle_stay_small(self):
         np.testing.assert_array_equal(self.guard.periods, [0.0, 2 * np.pi])
         self.assertLess(self.guard.settings["action_limit"][1], 0.3)
+        self.assertEqual(self.guard.summary["warnings"], [])
 
     def test_a_target_beyond_the_end_of_a_period_is_near(self):
         step = GuardStep(self.guard.with_settings(strategy="monitor"), positions=[0, 1])

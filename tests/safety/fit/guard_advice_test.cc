@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <numbers>
 #include <string>
 #include <vector>
 
@@ -272,6 +273,29 @@ TEST(GuardAdviceTest, AnArmThatRestsUnderTorquesIsNamed) {
   };
   EXPECT_THAT(warnings(true), testing::Contains(HasSubstr("a zero action does not hold it")));
   EXPECT_THAT(warnings(false), testing::Not(testing::Contains(HasSubstr("zero action"))));
+}
+
+// A joint that turns at a nearly constant rate, and one that also varies. The second angle wraps.
+TEST(GuardAdviceTest, AJointThatTurnsThroughoutDoesNotRest) {
+  for (const double spread : {0.01, 0.03}) {
+    SCOPED_TRACE(spread);
+    core::Random random(7);
+    std::vector<core::Trajectory> demonstrations;
+    for (int i = 0; i < 20; ++i) {
+      core::Trajectory d{core::Matrix(91, 1), core::Matrix(90, 1)};
+      d.states(0, 0) = 2.0 + 0.1 * random.Normal();
+      for (int t = 0; t < 90; ++t) {
+        d.controls(t, 0) = 0.05 + spread * random.Normal();
+        d.states(t + 1, 0) =
+            std::remainder(d.states(t, 0) + d.controls(t, 0), 2.0 * std::numbers::pi);
+      }
+      demonstrations.push_back(std::move(d));
+    }
+    core::StateLayout layout;
+    layout.Add("yaw", 1);
+    const auto model = GuardModel::Fit(layout, demonstrations, {.accept_any = true});
+    EXPECT_THAT(model->summary().fit_warnings, testing::Not(testing::Contains(HasSubstr("rests"))));
+  }
 }
 
 TEST(GuardAdviceTest, AClockIsFoundInAnyUnitAndAConstantIsNoClock) {

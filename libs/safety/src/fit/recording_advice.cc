@@ -71,6 +71,8 @@ std::string DescribeRest(const GuardModel& model,
     const double mean = sums[i] / count;
     if (squares[i] / count - mean * mean <= kStill * squares[i] / count) limits[i] = HUGE_VAL;
   }
+  // If every entry moves at a nearly constant rate, no limit shows rest.
+  if (!(limits.array() < HUGE_VAL).any()) return "";
   int at_rest = 0;
   int driven = 0;
   int episodes = 0;
