@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <fstream>
+#include <limits>
 #include <span>
 #include <sstream>
 #include <stdexcept>
@@ -122,6 +123,34 @@ TEST_F(GuardFileTest, WrongContentWithAValidChecksumIsRefusedOrUsable) {
   }
   EXPECT_GT(refused, 40);
   EXPECT_LT(refused, 200);
+}
+
+// Each file has one value that no fit gives. Without the refusal, its guard would accept states
+// outside.
+TEST_F(GuardFileTest, OneContradictoryValueIsRefusedByName) {
+  auto demonstrations = test::CorridorDemonstrations(2, 6, 4);
+  constexpr double kConstant = 0.1234567;
+  for (core::Trajectory& d : demonstrations) d.states.col(0).setConstant(kConstant);
+  const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations);
+  model->Save(path_);
+  const std::string content = Content();
+  const auto refusal = [&](double value, double other) {
+    const std::string changed = test::WithNumber(content, value, other);
+    EXPECT_FALSE(changed.empty()) << value;
+    Replace(changed);
+    return Refusal();
+  };
+  const kernel::WhitenedSupport& support = model->task().feature_support();
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  for (const double rho : {0.0, -0.5, 1.5, kInfinity, std::nan("")}) {
+    EXPECT_THAT(refusal(support.estimate(1).rho(), rho), HasSubstr("rho must lie in (0, 1]"));
+  }
+  const double skewed = support.map(1)(0, 1);
+  ASSERT_NE(skewed, 0.0);
+  EXPECT_THAT(refusal(skewed, skewed + 0.01), HasSubstr("its map must be symmetric"));
+  EXPECT_THAT(refusal(kConstant, kInfinity), HasSubstr("constant that is not finite"));
+  Replace(content);
+  EXPECT_NE(GuardModel::Load(path_), nullptr);
 }
 
 TEST_F(GuardFileTest, AnotherVersionIsRefusedByName) {

@@ -188,6 +188,7 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
       if (constants.size() != static_cast<std::size_t>(constant_entries->num_features())) {
         archive.Fail("does not hold one constant per constant entry");
       }
+      if (!core::AllFinite(constants)) archive.Fail("holds a constant that is not finite");
     }
     std::optional<core::FeatureTransform> context;
     if (archive.IntegerIn(0, 1) == 1) {

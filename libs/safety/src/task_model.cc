@@ -19,6 +19,7 @@ constexpr std::string_view kSupportFile = "support.dfr";
 constexpr int kMostHorizon = 1'000'000;
 // Limit that no task reaches. A file with a larger count is damaged.
 constexpr int kMostSteps = 1'000'000;
+constexpr double kRounding = 1e-9;
 
 kernel::WhitenedSupport LoadSupport(core::ArchiveReader& archive, bool single_precision) {
   const int steps = archive.IntegerIn(1, kMostSteps);
@@ -27,6 +28,8 @@ kernel::WhitenedSupport LoadSupport(core::ArchiveReader& archive, bool single_pr
     core::Matrix map = archive.MatrixBlock();
     const double gamma = archive.Number();
     const double rho = archive.Number();
+    // Below, every state would be inside. A sum of kernels whose weights sum to 1 is at most 1.
+    if (!(rho > 0.0 && rho <= 1.0 + kRounding)) archive.Fail("rho must lie in (0, 1]");
     const double scale = archive.Number();
     const std::vector<double> alpha = archive.Numbers();
     auto svm = kernel::OneClassSvm::FromParts(archive.MatrixBlock(), core::AsVector(alpha), gamma,

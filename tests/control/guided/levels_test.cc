@@ -101,6 +101,14 @@ TEST(LevelsTest, AFileWithAnInvalidLevelIsRefused) {
     EXPECT_THAT(message(good, good, good, good, 0.2, bad), HasSubstr("stay at the edge"));
   }
   EXPECT_THAT(message({}, good, good, good, 0.2), HasSubstr("gate levels"));
+  const std::vector<double> more = {0.5, 0.0, 0.0};
+  for (int longer = 0; longer < 4; ++longer) {
+    EXPECT_THAT(message(longer == 0 ? more : good, longer == 1 ? more : good,
+                        longer == 2 ? more : good, longer == 3 ? more : good, 0.2),
+                HasSubstr("the same number of time steps"));
+  }
+  EXPECT_THAT(message(good, {0.5, 0.1}, good, good, 0.2),
+              HasSubstr("a pass level must not exceed the gate level"));
   EXPECT_THAT(message(good, good, good, good, 0.0), testing::Not(HasSubstr("slack")));
   std::filesystem::remove(path);
 }

@@ -399,6 +399,9 @@ TEST(StateMapTest, InvalidPartsAreNamed) {
   EXPECT_THAT(refusal({{0, {1.0, 0.0, 0.0, 0.0}}}, {}), HasSubstr("of at least 4 entries, not 3"));
   EXPECT_THAT(refusal({}, {{0, 0.0, 0.0}}), HasSubstr("its period positive"));
   EXPECT_THAT(refusal({}, {{-1, 0.0, 1.0}}), HasSubstr("entry -1"));
+  // Features of a doubled circle would need more room than the selection has.
+  EXPECT_THAT(refusal({}, {}, {{1, 1.0}, {1, 1.0}}), HasSubstr("entry 1 belongs to two rotations"));
+  EXPECT_THAT(refusal({}, {{2, 0.0, 1.0}}, {{2, 1.0}}), HasSubstr("entry 2 belongs to two"));
 }
 
 TEST(StateMapTest, SlopesAreThoseOfTheMappedEntries) {

@@ -13,6 +13,7 @@
 #include <thread>
 #include <vector>
 
+#include "dfr/core/files/archive.h"
 #include "dfr/core/random.h"
 #include "dfr/kernel/model_selection.h"
 #include "tests/kernel/support/walks.h"
@@ -210,6 +211,20 @@ TEST_F(TimeVaryingSupportFileTest, ADamagedFileIsRefusedByName) {
   const auto load = [&] {
     return dfr::test::MessageOf([&] { (void)TimeVaryingSupport::Load(path_); });
   };
+  for (const double rho : {0.0, -0.1, std::nan("")}) {
+    core::ArchiveWriter archive("time-varying-support", 1);
+    archive.Integer(1);
+    archive.Number(1.0);
+    archive.Number(rho);
+    archive.Number(1.0);
+    archive.Numbers(std::vector{1.0});
+    archive.MatrixBlock(core::Matrix::Zero(1, 2));
+    const auto damaged = path_.string() + ".rho";
+    archive.Save(damaged);
+    EXPECT_THAT(dfr::test::MessageOf([&] { (void)TimeVaryingSupport::Load(damaged); }),
+                HasSubstr("rho must be positive"));
+    std::filesystem::remove(damaged);
+  }
   std::filesystem::resize_file(path_, std::filesystem::file_size(path_) - 9);
   EXPECT_THAT(load(), HasSubstr(path_.string()));
   std::filesystem::remove(path_);

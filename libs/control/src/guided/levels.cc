@@ -101,6 +101,18 @@ Levels Levels::Load(core::ArchiveReader& archive) {
   levels.pass_ = Read(archive, "pass levels");
   levels.edge_ = Read(archive, "edge levels");
   levels.median_ = Read(archive, "median levels");
+  const std::size_t steps = levels.gate_.size();
+  if (levels.pass_.size() != steps || levels.edge_.size() != steps ||
+      levels.median_.size() != steps) {
+    archive.Fail("gate, pass, edge and median levels must have the same number of time steps");
+  }
+  // Each of the two is an interpolation that rounds.
+  constexpr double kRounding = 1e-9;
+  for (std::size_t t = 0; t < steps; ++t) {
+    if (levels.pass_[t] > levels.gate_[t] * (1.0 + kRounding)) {
+      archive.Fail("a pass level must not exceed the gate level of its time step");
+    }
+  }
   levels.slack_ = archive.Number();
   if (!(levels.slack_ >= 0.0 && std::isfinite(levels.slack_))) {
     archive.Fail("the slack must be finite and not negative");

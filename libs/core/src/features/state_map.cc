@@ -81,6 +81,15 @@ StateMap::StateMap(std::vector<Quaternion> quaternions, std::vector<Angle> angle
     DFR_THROW_UNLESS(circle.period > 0.0 && std::isfinite(circle.period),
                      "the period of an angle must be positive and finite: " << circle.period);
   }
+  std::vector<int> entries;
+  for (const Quaternion& q : quaternions_) {
+    for (int k = 0; k < kSize; ++k) entries.push_back(q.first + k);
+  }
+  for (const Angle& angle : angles_) entries.push_back(angle.entry);
+  for (const Circle& circle : circles_) entries.push_back(circle.entry);
+  std::ranges::sort(entries);
+  const auto twice = std::ranges::adjacent_find(entries);
+  DFR_THROW_UNLESS(twice == entries.end(), "entry " << *twice << " belongs to two rotations");
 }
 
 void StateMap::Save(ArchiveWriter& archive) const {

@@ -18,6 +18,8 @@
 namespace dfr::kernel {
 namespace {
 
+// Largest asymmetry of a symmetric map, relative to its largest entry.
+constexpr double kMapRounding = 1e-9;
 constexpr double kOutOfReach = -std::numeric_limits<double>::infinity();
 
 using Buffer = std::array<double, WhitenedSupport::kMaxFeatures>;
@@ -150,6 +152,10 @@ WhitenedSupport::WhitenedSupport(std::vector<Estimate> estimates) {
                          estimate.svm.state_dim() == n && estimate.map.allFinite(),
                      "estimate " << t << ": its map must be " << n << " x " << n
                                  << " and finite, and its states must have " << n << " entries");
+    const double largest = estimate.map.cwiseAbs().maxCoeff();
+    const core::Matrix skew = estimate.map - estimate.map.transpose();
+    DFR_THROW_UNLESS(skew.cwiseAbs().maxCoeff() <= kMapRounding * largest,
+                     "estimate " << t << ": its map must be symmetric");
     const double norm = core::OperatorNorm(estimate.map);
     phases_.push_back({std::move(estimate.map), norm, std::move(estimate.svm)});
   }

@@ -77,7 +77,7 @@ class WhitenedSupport final : public core::LogDecisionFunction {
   };
   /// Combines the estimates that Fit() computes, g_0 first.
   /// @throws std::invalid_argument naming the estimate whose sizes do not fit or whose map is not
-  ///   finite.
+  ///   finite and symmetric.
   explicit WhitenedSupport(std::vector<Estimate> estimates);
 
   [[nodiscard]] int state_dim() const noexcept override;

@@ -43,7 +43,7 @@ class StateMap {
   /// Creates the identity map.
   StateMap() = default;
   /// @throws std::invalid_argument if an entry is negative, a reference is not a unit quaternion, a
-  ///   centre is not finite, or a period is not positive and finite.
+  ///   centre is not finite, a period is not positive and finite, or two rotations share an entry.
   StateMap(std::vector<Quaternion> quaternions, std::vector<Angle> angles,
            std::vector<Circle> circles = {});
   /// Appends the map to a file.
