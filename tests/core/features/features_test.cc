@@ -48,6 +48,21 @@ TEST(FeatureSelectionTest, ErrorsNameTheFeatureAndTheValidOnes) {
   EXPECT_THAT(message(""), HasSubstr("no feature"));
 }
 
+// Fits and guard files name entries by such text.
+TEST(FeatureSelectionTest, ANameMayContainBracketsAndCommas) {
+  StateLayout layout;
+  layout.Add("pos [m]", 2);
+  layout.Add("a", 2);
+  layout.Add("a[0:1]", 1);
+  layout.Add("a,b", 2);
+  const auto indices = [&](const char* spec) { return FeatureSelection(layout, spec).indices(); };
+  EXPECT_THAT(indices("a,pos [m]"), ElementsAre(2, 3, 0, 1));
+  EXPECT_THAT(indices("pos [m][1:2],a[1:2]"), ElementsAre(1, 3));
+  EXPECT_THAT(indices("a[0:1],a,b[1:2],a"), ElementsAre(4, 6, 2, 3));
+  EXPECT_THAT(dfr::test::MessageOf<std::invalid_argument>([&] { indices("pos [m][0:3]"); }),
+              HasSubstr("not within pos [m][0:2]"));
+}
+
 // A specification of 23 KB that repeated an entry once allocated gigabytes of features.
 TEST(FeatureSelectionTest, RepeatedEntriesAreRefused) {
   StateLayout layout;

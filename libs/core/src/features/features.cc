@@ -26,9 +26,22 @@ std::string KnownBlocks(const StateLayout& layout) {
   return names;
 }
 
-Range ParseItem(const StateLayout& layout, std::string_view item) {
-  const std::size_t bracket = item.find('[');
-  const std::string_view name = item.substr(0, bracket);
+// Returns the length of the name with which a list begins: that of the longest block that fits,
+// because a name may contain brackets and commas.
+std::size_t NameLength(const StateLayout& layout, std::string_view spec) {
+  std::size_t longest = 0;
+  for (const auto& block : layout.blocks) {
+    const std::size_t size = block.name.size();
+    const bool ends =
+        spec.size() == size || (spec.size() > size && (spec[size] == ',' || spec[size] == '['));
+    if (ends && spec.starts_with(block.name)) longest = std::max(longest, size);
+  }
+  return longest > 0 ? longest : std::min(spec.size(), spec.find_first_of("[,"));
+}
+
+Range ParseItem(const StateLayout& layout, std::string_view item, std::size_t name_length) {
+  const std::size_t bracket = name_length < item.size() ? name_length : std::string_view::npos;
+  const std::string_view name = item.substr(0, name_length);
   const auto block = std::find_if(layout.blocks.begin(), layout.blocks.end(),
                                   [&](const auto& b) { return b.name == name; });
   DFR_THROW_UNLESS(block != layout.blocks.end(), "feature '" << name
@@ -87,9 +100,10 @@ FeatureSelection::FeatureSelection(const StateLayout& layout, std::string_view s
   DFR_THROW_UNLESS(!spec.empty(), "no feature is named; the state has " << KnownBlocks(layout));
   std::vector<bool> taken(static_cast<std::size_t>(state_dim_), false);
   while (true) {
-    const std::size_t comma = spec.find(',');
+    const std::size_t name_length = NameLength(layout, spec);
+    const std::size_t comma = spec.find(',', name_length);
     const std::string_view item = spec.substr(0, comma);
-    const Range range = ParseItem(layout, item);
+    const Range range = ParseItem(layout, item, name_length);
     for (int i = range.first; i < range.last; ++i) {
       DFR_THROW_UNLESS(!taken[static_cast<std::size_t>(i)],
                        "feature '" << item << "' repeats an entry");
