@@ -171,6 +171,8 @@ Guard With(const Guard& guard, const py::object& strategy, const py::object& hor
   whole(max_actions, "max_actions", settings.max_actions);
   if (!action_limit.is_none()) {
     settings.action_limit = RealsOption(action_limit, "action_limit");
+    // Only a fit has a default limit.
+    if (settings.action_limit.empty()) settings.action_limit = {0.0};
   }
   real(alarm_level, "alarm_level", settings.alarm_level);
   real(direction_error, "direction_error", settings.direction_error);

@@ -190,6 +190,9 @@ class GuardTest(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, f"t is {2**40}, but the next call of filter has t = 0"):
             guard.filter_chunk(2**40, np.zeros(3), [[0.0, 0.0]])
         self.assertEqual(self.guard.with_settings(action_limit=np.array(0.2)).settings["action_limit"], [0.2, 0.2])
+        for zero in (0, 0.0, np.array(0.0), [0.0, 0.0]):
+            with self.assertRaisesRegex(ValueError, "action_limit is zero in all entries"):
+                self.guard.with_settings(action_limit=zero)
         for huge in (10**400, 10**5000):
             with self.assertRaisesRegex(ValueError, "too large for double precision"):
                 self.guard.decision(0, [huge, 0, 0])
