@@ -116,6 +116,24 @@ TEST(AbsoluteActionsTest, DifferencesAreTheDistanceToTheTarget) {
   EXPECT_TRUE(FindAbsoluteActions(set).empty());
 }
 
+// Ticks per second beside radians per second.
+TEST(AbsoluteActionsTest, UnitsOfOtherActionsChangeNoVerdict) {
+  World world = Velocities(1.0);
+  world.observe = [](const auto& x, const auto&, const auto& last) {
+    return std::vector<double>{x[0], x[1], last[0]};
+  };
+  for (const double unit : {1e-8, 1.0, 1e6, 1e8}) {
+    auto set = RollOut(world);
+    Random random(3);
+    for (Trajectory& episode : set) {
+      for (double& velocity : episode.states.col(2)) velocity += 0.01 * random.Normal();
+      episode.controls.col(1) *= unit;
+      episode.states.col(1) *= unit;
+    }
+    EXPECT_TRUE(FindAbsoluteActions(set).empty()) << unit;
+  }
+}
+
 // The target and the angle cross the end of the period in different steps.
 TEST(AbsoluteActionsTest, DifferencesOfAnglesAreModuloTheirPeriod) {
   for (const double period : {2.0 * std::numbers::pi, 360.0}) {

@@ -16,7 +16,9 @@ namespace {
 double Share(const Eigen::MatrixXd& uu, const Eigen::VectorXd& uy, double yy) {
   if (uu.size() == 0 || yy <= 0.0) return 0.0;
   Eigen::MatrixXd regular = uu;
-  regular.diagonal().array() += 1e-9 * uu.trace() + 1e-300;
+  // Relative to each entry, because units of actions differ.
+  regular.diagonal() += 1e-9 * uu.diagonal();
+  regular.diagonal().array() += 1e-300;
   return uy.dot(SolveSymmetric(regular, uy).col(0)) / yy;
 }
 
