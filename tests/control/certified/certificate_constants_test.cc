@@ -139,6 +139,14 @@ TEST(CertificateConstantsTest, DemonstrationsWithoutAControlDoNotCount) {
   EXPECT_THROW((void)EstimateDirectionError(response, {Doubled(), walks}), std::invalid_argument);
 }
 
+TEST(CertificateConstantsTest, TheLargestChangeAtRestCountsOnlyZeroControls) {
+  auto walks = Walks(3, 0.5);
+  EXPECT_EQ(LargestChangeAtRest({Doubled(), walks}), 0.0);
+  walks[1].controls.row(4).setZero();
+  const double change = (walks[1].states.row(5) - walks[1].states.row(4)).norm();
+  EXPECT_NEAR(LargestChangeAtRest({Doubled(), walks}), 2.0 * change, 1e-12);
+}
+
 TEST(CertificateConstantsTest, RefusesInvalidArguments) {
   EXPECT_THROW((void)EstimateGain({Doubled(), {}}), std::invalid_argument);
   EXPECT_THROW((void)EstimateGain({Doubled(), Walks(3, 0.0)}, 1.0), std::invalid_argument);

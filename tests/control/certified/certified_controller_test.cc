@@ -42,13 +42,18 @@ TEST_F(CertifiedControllerTest, HaltsAtTheFirstViolation) {
     const Step step = certified.Next(x, u);
     ASSERT_NE(step.mode, Mode::kHalt);
     EXPECT_TRUE(step.certified);
+    EXPECT_TRUE(std::isnan(step.observed_error));
     // The first control has the predicted effect. The second control has twice its predicted
     // effect.
     for (std::size_t k = 0; k < 2; ++k) x[k] += (i == 0 ? 1.0 : 2.0) * u[k];
   }
-  EXPECT_EQ(certified.Next(x, u).cause, HaltCause::kViolated);
-  EXPECT_EQ(certified.violation().control, 1);
-  EXPECT_GT(certified.violation().observed, certified.violation().allowed);
+  const double predicted = (certified.jacobian() * core::AsVector(std::span<const double>(u)) /
+                            model.response.control_unit())[0];
+  const double speed = u[0];
+  const Step step = certified.Next(x, u);
+  EXPECT_EQ(step.cause, HaltCause::kViolated);
+  EXPECT_NEAR(step.observed_error, std::abs(2.0 * speed - predicted) / speed, 1e-3);
+  EXPECT_GT(step.observed_error, 0.1);
 }
 
 // Fractions of learned controls consume fractions of time steps. Only a fraction of the control
@@ -215,6 +220,55 @@ TEST_F(CertifiedControllerTest, AnEntryWithFewValuesKeepsThem) {
   EXPECT_GT(changed, 5);
 }
 
+// A raise goes beyond correction_limit only as far as the learned control does.
+TEST_F(CertifiedControllerTest, ACorrectionStaysWithinItsLimit) {
+  const test::FunctionPolicy policy(2, 2,
+                                    [](int, std::span<const double>, std::span<double> learned) {
+                                      std::ranges::copy(std::array{0.12, 0.0}, learned.begin());
+                                    });
+  const std::vector<double> x = {0.0, 0.3};
+  CertifiedController free(policy, model, Certified(0.1));
+  ASSERT_EQ(First(free, x).mode, Mode::kPolicy);
+  ASSERT_LT(u[1], -0.05);
+  CertifiedOptions options = Certified(0.1);
+  options.correction_limit = {0.05};
+  CertifiedController bounded(policy, model, options);
+  ASSERT_NE(First(bounded, x).mode, Mode::kHalt);
+  EXPECT_GE(u[1], -0.05 - 1e-12);
+  EXPECT_LT(u[1], -0.04);
+  EXPECT_LE(u[0], 0.12 + 1e-12);
+}
+
+// Each control consumes its share of the time, and no state follows it. Only recoveries and probes
+// count against the patience.
+TEST_F(CertifiedControllerTest, LearnedControlsInOnePhaseEndWithTheTime) {
+  const auto policy = test::ConstantPolicy(2, 0.08);
+  CertifiedOptions options = Certified(17.0);
+  options.horizon = 8;
+  CertifiedController certified(policy, model, options);
+  certified.Reset(1);
+  int controls = 0;
+  while (certified.Next(std::vector{0.0, 0.0}, u).mode == Mode::kPolicy) ++controls;
+  EXPECT_EQ(certified.halt_cause(), HaltCause::kTimeUp);
+  EXPECT_GT(controls, options.patience);
+}
+
+// Supports at rest contain the state. The policy pauses for longer than certified::kMaxStalls.
+TEST_F(CertifiedControllerTest, APauseOfThePolicyIsNoStall) {
+  const test::GaussianSupport disk({{0.0, 0.0}}, 4.0, 0.5, {}, kSteps + 1);
+  const test::Task task{test::IdentityFeatures(), disk, Rightwards()};
+  const auto policy = test::ConstantPolicy(2, 0.0);
+  CertifiedController certified(policy, task, Certified(0.5));
+  certified.Reset(1);
+  for (int i = 0; i < kSteps - 1; ++i) {
+    const Step step = certified.Next(std::vector{0.0, 0.0}, u);
+    ASSERT_EQ(step.mode, Mode::kPolicy) << Name(step.cause) << " at control " << i;
+    EXPECT_EQ(step.t, i);
+    EXPECT_FALSE(step.filtered);
+    EXPECT_EQ(u, std::vector({0.0, 0.0}));
+  }
+}
+
 // The excess over a limit may vanish in the rounding of the control's norm.
 TEST_F(CertifiedControllerTest, ATinyExcessOverALimitIsRemoved) {
   const test::FunctionPolicy policy(2, 2,
@@ -251,6 +305,7 @@ TEST_F(CertifiedControllerTest, ErrorsNameTheCulprit) {
   EXPECT_THAT(message({.first_step = -1}), HasSubstr("first_step"));
   EXPECT_THAT(message({.max_controls = 0}), HasSubstr("max_controls"));
   EXPECT_THAT(message({.control_limit = {-1.0}}), HasSubstr("control_limit"));
+  EXPECT_THAT(message({.correction_limit = {-1.0}}), HasSubstr("correction_limit"));
   EXPECT_THAT(message({.iterations = -1}), HasSubstr("iterations"));
   EXPECT_THAT(message({.patience = 0}), HasSubstr("patience"));
   EXPECT_THAT(message({.probe_size = -0.1}), HasSubstr("probe_size"));

@@ -203,24 +203,20 @@ TEST_F(CertifierTest, NothingPassesOutsideAndAZeroControlPassesInside) {
   EXPECT_EQ(certifier.StepFraction({support, fit, inside}, 0, Eigen::VectorXd::Zero(2)), 1.0);
 }
 
-TEST_F(CertifierTest, ConfirmsTheAssumptionAndReportsItsViolation) {
+TEST_F(CertifierTest, FindsViolationsOfTheAssumption) {
   const Eigen::VectorXd v = Eigen::Vector2d(0.0, 2.0);  // |u| = 0.5
   const Eigen::VectorXd effect = Eigen::Vector2d(1.0, 0.0);
   const Eigen::VectorXd zero = Eigen::VectorXd::Zero(2);
   Certifier certifier({0.4}, 2, 2, kUnit);
   // |dz - J v| <= 0.4 * 0.5
-  EXPECT_TRUE(certifier.Confirms(0, v, effect, Eigen::Vector2d(1.0, 0.2)));
-  EXPECT_TRUE(certifier.Confirms(1, v, effect, Eigen::Vector2d(0.8, 0.0)));
-  EXPECT_FALSE(certifier.Confirms(2, v, effect, Eigen::Vector2d(0.7, 0.0)));
-  EXPECT_EQ(certifier.violation().control, 2);
-  EXPECT_NEAR(certifier.violation().observed, 0.6, 1e-12);
-  EXPECT_EQ(certifier.violation().allowed, 0.4);
-  EXPECT_FALSE(certifier.Confirms(3, v, effect, Eigen::VectorXd::Constant(2, std::nan(""))));
-  certifier.Reset();
-  EXPECT_EQ(certifier.violation().control, -1);
-  EXPECT_TRUE(certifier.Confirms(0, zero, zero, zero));
-  EXPECT_FALSE(certifier.Confirms(1, zero, zero, Eigen::Vector2d(0.1, 0.0)));
-  EXPECT_TRUE(std::isinf(certifier.violation().observed)) << "it moved without a control";
+  EXPECT_FALSE(certifier.FindViolation(v, effect, Eigen::Vector2d(1.0, 0.2)));
+  EXPECT_FALSE(certifier.FindViolation(v, effect, Eigen::Vector2d(0.8, 0.0)));
+  EXPECT_NEAR(certifier.FindViolation(v, effect, Eigen::Vector2d(0.7, 0.0)).value_or(0.0), 0.6,
+              1e-12);
+  EXPECT_TRUE(certifier.FindViolation(v, effect, Eigen::VectorXd::Constant(2, std::nan(""))));
+  EXPECT_FALSE(certifier.FindViolation(zero, zero, zero));
+  const auto moved = certifier.FindViolation(zero, zero, Eigen::Vector2d(0.1, 0.0));
+  EXPECT_TRUE(std::isinf(moved.value_or(0.0))) << "it moved without a control";
 }
 
 // The admitted part of a control ends inside a nearby support for every outcome that the assumption
@@ -266,13 +262,14 @@ TEST_F(CertifierTest, AdmittedControlsAreCertified) {
   EXPECT_LE(climbs, 1);
 }
 
-// Entry 0 has the values -2 and 1. It is neither raised nor shrunk; without a learned control it
-// is 0.
+// Entry 0 has the values -2 and 1. It is neither raised nor shrunk, also in a probe; without a
+// learned control it is 0.
 TEST_F(CertifierTest, AnEntryWithFewValuesKeepsThem) {
   Certifier certifier({0.3}, 2, 2, kUnit);
   core::Random random(1);
   int shrunk = 0;
   int nominal = 0;
+  int probes = 0;
   for (int i = 0; i < 1000; ++i) {
     const int phase = i % 10;
     const std::vector<double> z = {phase * kSpeed + 0.6 * random.Normal(), 0.6 * random.Normal()};
@@ -280,21 +277,26 @@ TEST_F(CertifierTest, AnEntryWithFewValuesKeepsThem) {
     const LocalModel model{support, fit, z};
     const double value = random.Uniform() < 0.5 ? -2.0 : 1.0;
     const bool demonstrated = random.Uniform() < 0.5;
-    Eigen::VectorXd v = Eigen::Vector2d(value, 3.0 * random.Normal());
-    certifier.Reset();
-    const auto admission = certifier.Admit(model, fit, {.values = {{-2.0, 1.0}, {}}},
-                                           {phase, Mode::kPolicy, demonstrated}, v);
-    if (admission.demonstrated) {
-      ASSERT_TRUE(v[0] == -2.0 || v[0] == 1.0) << v[0];
-    } else {
-      ASSERT_EQ(v[0], admission.gets_on ? value : 0.0);
+    const Eigen::VectorXd chosen = Eigen::Vector2d(value, 3.0 * random.Normal());
+    for (const Mode mode : {Mode::kPolicy, Mode::kProbe}) {
+      Eigen::VectorXd v = chosen;
+      certifier.Reset();
+      const auto admission = certifier.Admit(model, fit, {.values = {{-2.0, 1.0}, {}}},
+                                             {phase, mode, demonstrated}, v);
+      if (admission.demonstrated) {
+        ASSERT_TRUE(v[0] == -2.0 || v[0] == 1.0) << v[0];
+      } else {
+        ASSERT_EQ(v[0], admission.gets_on || admission.mode == Mode::kProbe ? value : 0.0);
+      }
+      ASSERT_GE(certifier.StepFraction(model, phase, v), 1.0 - 1e-8);
+      shrunk += admission.gets_on && admission.share < 1.0 ? 1 : 0;
+      nominal += admission.demonstrated ? 1 : 0;
+      probes += admission.mode == Mode::kProbe && admission.share < 1.0 ? 1 : 0;
     }
-    ASSERT_GE(certifier.StepFraction(model, phase, v), 1.0 - 1e-8);
-    shrunk += admission.gets_on && admission.share < 1.0 ? 1 : 0;
-    nominal += admission.demonstrated ? 1 : 0;
   }
   EXPECT_GT(shrunk, 10);
   EXPECT_GT(nominal, 10);
+  EXPECT_GT(probes, 10);
 }
 
 TEST_F(CertifierTest, FollowsDemonstrationsOnlyOnRequest) {
@@ -334,6 +336,18 @@ TEST_F(CertifierTest, StopsAfterThreeConsecutiveStalls) {
   EXPECT_FALSE(admit());
   certifier.Reset();
   EXPECT_TRUE(admit()) << "another episode";
+}
+
+TEST_F(CertifierTest, AZeroControlThatPassesIsNoStall) {
+  const std::vector<double> z = {0.0, 0.0};
+  Certifier certifier({1.0}, 2, 2, kUnit);
+  for (int i = 0; i < 10; ++i) {
+    Eigen::VectorXd v = Eigen::VectorXd::Zero(2);
+    const auto admitted = certifier.Admit({support, fit, z}, fit, {}, {0, Mode::kPolicy}, v);
+    EXPECT_TRUE(admitted.any) << i;
+    EXPECT_EQ(admitted.mode, Mode::kPolicy);
+    EXPECT_TRUE(v.isZero(0.0));
+  }
 }
 
 TEST_F(CertifierTest, ErrorsNameTheConstant) {

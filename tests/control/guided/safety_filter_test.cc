@@ -242,6 +242,29 @@ TEST_F(SafetyFilterTest, AnEntryWithLimitZeroIsNotProbed) {
   }
 }
 
+// The first entry has two speeds and never rests. A probe of the second entry uses one of them.
+TEST_F(SafetyFilterTest, AProbeKeepsAnEntryWithFewValues) {
+  auto demonstrations = test::Rightwards();
+  for (std::size_t d = 0; d < demonstrations.size(); ++d) {
+    core::Trajectory& demonstration = demonstrations[d];
+    demonstration.controls.col(1).setZero();
+    demonstration.states.col(1).setConstant(demonstration.states(0, 1));
+    for (int t = 0; t < test::kSteps; ++t) {
+      const double speed = (static_cast<std::size_t>(t) + d) % 3 == 0 ? 0.05 : test::kSpeed;
+      demonstration.controls(t, 0) = speed;
+      demonstration.states(t + 1, 0) = demonstration.states(t, 0) + speed;
+    }
+  }
+  const test::Task task{test::IdentityFeatures(), support_, demonstrations};
+  z_ = Eigen::Vector2d(0.0, 1.5);
+  LocalFit fit = ResponseEstimate(task.response.prior()).FitAt(0, core::AsSpan(z_));
+  Eigen::VectorXd v = Eigen::Vector2d(1.0, 0.0);
+  const Choice choice = SafetyFilter(task, {}).Filter(fit, target_, target_.level, v);
+  ASSERT_EQ(choice.mode, Mode::kProbe);
+  EXPECT_NEAR(std::abs(v[1]), GuidedOptions().probe_size, 1e-3);
+  EXPECT_NEAR(v[0] * task.response.control_unit(), 0.05, 1e-12);
+}
+
 TEST_F(SafetyFilterTest, WithoutTheNominalControlTheLearnedOneIsRaised) {
   Eigen::VectorXd expected = outwards_;
   const double level = AscendSupport(local_, target_, limits_, expected);

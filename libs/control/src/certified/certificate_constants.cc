@@ -117,4 +117,16 @@ EstimatedConstant EstimateDirectionError(const Response& response,
   return Finish(AtLeastRounding(largest), moving, confidence);
 }
 
+double LargestChangeAtRest(const FeatureTrajectories& demonstrations) {
+  double largest = 0.0;
+  for (std::size_t d = 0; d < demonstrations.points.size(); ++d) {
+    const core::Matrix& z = demonstrations.points[d];
+    for (Eigen::Index t = 0; t < demonstrations.controls[d].rows(); ++t) {
+      if (!demonstrations.controls[d].row(t).isZero(0.0)) continue;
+      largest = std::max(largest, (z.row(t + 1) - z.row(t)).norm());
+    }
+  }
+  return largest;
+}
+
 }  // namespace dfr::control

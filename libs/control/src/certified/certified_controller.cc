@@ -6,6 +6,7 @@
 #include "dfr/control/certified/constants.h"
 #include "dfr/control/constants.h"
 #include "dfr/control/guided/guided_options.h"
+#include "dfr/core/contract.h"
 #include "dfr/core/matrix.h"
 
 namespace dfr::control {
@@ -17,6 +18,9 @@ StepLimits Limits(const CertifiedOptions& options, int control_dim, double contr
 }
 
 void Check(const CertifiedOptions& options) {
+  for (const double limit : options.correction_limit) {
+    DFR_THROW_UNLESS(limit >= 0.0, "correction_limit must not be negative: " << limit);
+  }
   Check(GuidedOptions{.horizon = options.horizon,
                       .first_step = options.first_step,
                       .max_controls = options.max_controls,
@@ -32,6 +36,12 @@ CertifiedController::CertifiedController(const core::Policy& policy, const TaskV
       task_(task),
       first_step_((CheckFits(policy, task), Check(options), options.first_step)),
       limits_(Limits(options, task.response().control_dim(), task.response().control_unit())),
+      corrections_(limits_),
+      most_corrected_(options.correction_limit.empty()
+                          ? limits_.control
+                          : ScaledLimits(options.correction_limit, task.response().control_dim(),
+                                         task.response().control_unit(), 0)
+                                .control),
       max_exit_level_(
           std::min(certified::kMaxExitRatio * task.levels().slack(), guided::kMaxExitLevel)),
       probe_size_(options.probe_size),
@@ -45,8 +55,8 @@ CertifiedController::CertifiedController(const core::Policy& policy, const TaskV
   for (Eigen::VectorXd* z : {&z_, &dz_, &effect_}) {
     *z = Eigen::VectorXd::Zero(task.features().num_features());
   }
-  v_ = learned_ = trial_ = Eigen::VectorXd::Zero(task.response().control_dim());
-  limits_.values = task.response().values();
+  v_ = learned_ = Eigen::VectorXd::Zero(task.response().control_dim());
+  limits_.values = corrections_.values = task.response().values();
 }
 
 void CertifiedController::DoReset(std::uint64_t /*seed*/) noexcept {
@@ -62,7 +72,8 @@ Step CertifiedController::DoNext(std::span<const double> x, std::span<double> u)
   Step step{.t = tracker_.phase(), .iteration = tracker_.waited()};
   if (progress_.controls > 0) {
     dz_ = z_ - core::AsVector(fit_.z());
-    if (!certifier_.Confirms(progress_.controls - 1, v_, effect_, dz_)) {
+    if (const auto violation = certifier_.FindViolation(v_, effect_, dz_)) {
+      step.observed_error = *violation;
       return Halted(step, HaltCause::kViolated);
     }
     estimate_.Update(fit_, AsSpan(v_), AsSpan(dz_));
@@ -83,6 +94,7 @@ Step CertifiedController::DoNext(std::span<const double> x, std::span<double> u)
   learned_ = core::AsVector(std::span<const double>(u)) / task_.response().control_unit();
   if (!learned_.allFinite()) return Halted(step, HaltCause::kControlInvalid);
   const bool within = !limits_.Limit(learned_);
+  corrections_.control = limits_.control.cwiseMin(most_corrected_.cwiseMax(learned_.cwiseAbs()));
   v_ = learned_;
   estimate_.FitAt(step.t, AsSpan(z_), fit_);
   const LocalModel model{support, fit_};
@@ -110,30 +122,15 @@ bool CertifiedController::DeepInside(double level, double hi) const noexcept {
 
 // Raises the level of v_, the learned control, or replaces it by a probe.
 Mode CertifiedController::Correct(const LocalModel& model, const StepTarget& target) noexcept {
-  const double level = AscendSupport(model, target, limits_, v_);
-  if (level < 0.0 && Probe(model, target.phase)) return Mode::kProbe;
+  const double level = AscendSupport(model, target, corrections_, v_);
+  const Probe probe{probe_size_, target.phase};
+  if (level < 0.0 && TakeProbe(task_.support(), fit_, limits_, probe, v_)) return Mode::kProbe;
   return level >= -max_exit_level_ ? Mode::kPolicy : Mode::kRecovery;
-}
-
-bool CertifiedController::Probe(const LocalModel& model, int phase) noexcept {
-  if (probe_size_ == 0.0 ||
-      fit_.LeastExcitedDirection(AsSpan(trial_), guided::kUnknown) <= guided::kUnknown) {
-    return false;
-  }
-  for (Eigen::Index k = 0; k < trial_.size(); ++k) {
-    if (limits_.HasFewValues(k) || limits_.control[k] == 0.0) trial_[k] = 0.0;
-  }
-  if (trial_.squaredNorm() < guided::kLeastProbe) return false;
-  v_ = probe_size_ * trial_;
-  limits_.Limit(v_);
-  trial_ = -v_;
-  if (model.Level(phase, trial_) > model.Level(phase, v_)) v_ = trial_;
-  return true;
 }
 
 bool CertifiedController::Certify(const LocalModel& model, Step& step) noexcept {
   const Certifier::CertifiedStep admission =
-      certifier_.Admit(model, fit_, limits_, {step.t, step.mode, demonstrated_}, v_);
+      certifier_.Admit(model, fit_, corrections_, {step.t, step.mode, demonstrated_}, v_);
   if (!admission.any) return false;
   step.mode = admission.mode;
   step.demonstrated = admission.demonstrated;

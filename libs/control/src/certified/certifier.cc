@@ -52,10 +52,7 @@ Certifier::Certifier(const Certificate& certificate, int num_features, int contr
                        << certificate.state_error);
 }
 
-void Certifier::Reset() noexcept {
-  violation_ = {};
-  stalls_ = 0;
-}
+void Certifier::Reset() noexcept { stalls_ = 0; }
 
 Certifier::RequiredLevel Certifier::Check(const LocalModel& model, int phase,
                                           const Eigen::VectorXd& v) const noexcept {
@@ -160,7 +157,8 @@ Certifier::CertifiedStep Certifier::Admit(const LocalModel& model, LocalFit& fit
       }
     }
   } else {
-    admitted.share = StepFraction(model, request.phase, v);
+    const bool whole = Predict(model, request.phase, v).met();
+    admitted.share = whole ? 1.0 : ShrunkFraction(model, limits, request.phase, v);
   }
   if (admitted.share < certified::kLeastShare) {
     // The state is too close to the boundary in this direction: maximizes the margin first.
@@ -170,26 +168,27 @@ Certifier::CertifiedStep Certifier::Admit(const LocalModel& model, LocalFit& fit
     admitted = {
         .share = StepFraction(model, request.phase, v), .mode = Mode::kRecovery, .gets_on = false};
   }
-  stalls_ = admitted.share < certified::kLeastShare || v.isZero() ? stalls_ + 1 : 0;
+  // A zero control that passes is a pause of the policy or of the demonstrations.
+  const bool recovers = admitted.mode == Mode::kRecovery && !admitted.gets_on;
+  const bool stalls = recovers && (admitted.share < certified::kLeastShare || v.isZero());
+  stalls_ = stalls ? stalls_ + 1 : 0;
   admitted.any = stalls_ < certified::kMaxStalls;
   Shrink(limits, admitted.share, v);
   return admitted;
 }
 
-bool Certifier::Confirms(int control, const Eigen::VectorXd& v, const Eigen::VectorXd& effect,
-                         const Eigen::VectorXd& dz) noexcept {
-  // The bound has a margin for the rounding of features.
-  constexpr double kRounding = 1e-9;
+std::optional<double> Certifier::FindViolation(const Eigen::VectorXd& v,
+                                               const Eigen::VectorXd& effect,
+                                               const Eigen::VectorXd& dz) const noexcept {
   const double norm = v.norm() * control_unit_;
   const double change = (dz - effect).norm();
   const double allowed = certificate_.direction_error;
   // Both states are observed, each with an error of up to delta.
-  if (change <= allowed * norm * (1.0 + kRounding) + 2.0 * certificate_.state_error + kRounding) {
-    return true;
+  if (change <= allowed * norm * (1.0 + kFeatureRounding) + 2.0 * certificate_.state_error +
+                    kFeatureRounding) {
+    return std::nullopt;
   }
-  const double observed = norm > 0.0 ? change / norm : std::numeric_limits<double>::infinity();
-  violation_ = {control, observed, allowed};
-  return false;
+  return norm > 0.0 ? change / norm : std::numeric_limits<double>::infinity();
 }
 
 }  // namespace dfr::control

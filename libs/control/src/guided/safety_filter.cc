@@ -122,24 +122,11 @@ SafetyFilter::Choice SafetyFilter::Correct(LocalFit& fit, const LocalModel& mode
 bool SafetyFilter::Probe(LocalFit& fit, const LocalModel& model, const StepTarget& target,
                          Eigen::VectorXd& v, double& level) noexcept {
   // A control that is predicted to end inside needs no probe, except to estimate a disturbance.
-  if (probe_size_ == 0.0 || level >= (disturbed_ ? target.level : 0.0) ||
-      fit.LeastExcitedDirection(core::AsSpan(trial_), guided::kUnknown) <= guided::kUnknown) {
-    return false;
-  }
-  for (Eigen::Index k = 0; k < trial_.size(); ++k) {
-    if (limits_.HasFewValues(k) || limits_.control[k] == 0.0) trial_[k] = 0.0;
-  }
-  if (trial_.squaredNorm() < guided::kLeastProbe) return false;
-  v = probe_size_ * trial_;
-  limits_.Limit(v);
-  level = model.Level(target.phase, v);
+  if (level >= (disturbed_ ? target.level : 0.0)) return false;
   // Under a disturbance the direction already has the more informative sign.
-  if (disturbed_) return true;
-  trial_ = -v;
-  if (const double other = model.Level(target.phase, trial_); other > level) {
-    v = trial_;
-    level = other;
-  }
+  const control::Probe probe{probe_size_, target.phase, /*keeps_sign=*/disturbed_};
+  if (!TakeProbe(task_.support(), fit, limits_, probe, v)) return false;
+  level = model.Level(target.phase, v);
   return true;
 }
 

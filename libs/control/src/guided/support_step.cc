@@ -87,6 +87,14 @@ double Ascend(const LocalModel& model, const StepTarget& target, const StepLimit
   return there.level;
 }
 
+// Writes a probe along `direction`, or against it.
+void Aim(const StepLimits& limits, const Vector& direction, double size,
+         Eigen::VectorXd& v) noexcept {
+  v = size * direction;
+  limits.Snap(v);
+  limits.Limit(v);
+}
+
 }  // namespace
 
 StepLimits ScaledLimits(std::span<const double> limits, int dim, double unit, int iterations) {
@@ -130,6 +138,28 @@ double AscendSupport(const LocalModel& model, const StepTarget& target, const St
 double AscendSupport(const LocalModel& model, const StepTarget& target, const StepLimits& limits,
                      Eigen::VectorXd& v, PredictedLevel& there) noexcept {
   return Ascend(model, target, limits, v, there, /*needs_gradient=*/true);
+}
+
+bool TakeProbe(const core::LogDecisionFunction& support, LocalFit& fit, const StepLimits& limits,
+               const Probe& probe, Eigen::VectorXd& v) noexcept {
+  Vector direction(v.size());
+  const std::span<double> entries(direction.data(), static_cast<std::size_t>(v.size()));
+  if (probe.size == 0.0 ||
+      fit.LeastExcitedDirection(entries, guided::kUnknown) <= guided::kUnknown) {
+    return false;
+  }
+  for (Eigen::Index k = 0; k < v.size(); ++k) {
+    const bool fixed = limits.control.size() > 0 && limits.control[k] == 0.0;
+    if (fixed || limits.HasFewValues(k)) direction[k] = 0.0;
+  }
+  if (direction.squaredNorm() < guided::kLeastProbe) return false;
+  Aim(limits, direction, probe.size, v);
+  if (probe.keeps_sign) return true;
+  const LocalModel model{support, fit};
+  const double level = model.Level(probe.phase, v);
+  Aim(limits, direction, -probe.size, v);
+  if (!(model.Level(probe.phase, v) > level)) Aim(limits, direction, probe.size, v);
+  return true;
 }
 
 }  // namespace dfr::control

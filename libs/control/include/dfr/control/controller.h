@@ -68,6 +68,8 @@ struct Step {
   /// Certified: under the assumptions of the controller's certificate, the next state is inside the
   /// support.
   bool certified = false;
+  /// Cause kViolated: the observed |dz - J u| / |u| beyond eps, infinite if u = 0; otherwise NaN.
+  double observed_error = std::numeric_limits<double>::quiet_NaN();
 };
 
 /// Returns `step` changed to a halt with this cause.
@@ -108,6 +110,10 @@ class Controller {
 
   /// Writes the control to apply in state `x` (state_dim() entries) to `u` (control_dim()).
   [[nodiscard]] Step Next(std::span<const double> x, std::span<double> u) noexcept;
+
+  /// Sets the context of the next control (LocalFit::SetContext()). Controllers that do not use
+  /// demonstrated controls ignore it.
+  virtual void SetContext(std::span<const double> /*context*/) noexcept {}
 
   /// Halts because of a plant failure or an operator's request. Has no effect once halted.
   void Stop(HaltCause cause) noexcept;

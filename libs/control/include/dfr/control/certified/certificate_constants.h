@@ -53,4 +53,7 @@ struct EstimatedConstant {
                                                        const FeatureTrajectories& held_out,
                                                        double confidence = 0.95);
 
+/// Returns the largest |dz| over demonstrated transitions with u = 0. The assumption implies 0.
+[[nodiscard]] double LargestChangeAtRest(const FeatureTrajectories& demonstrations);
+
 }  // namespace dfr::control

@@ -26,14 +26,16 @@ namespace dfr::control {
 ///      least hi and v_hat is no larger than demonstrated, v = v_hat.
 ///   3. If v is not predicted to end inside and J is uncertain in a direction of control, a probe
 ///      along this direction replaces v.
-///   4. Certifier::Admit() changes or shrinks v until it passes. If almost nothing of v passes, it
+///   4. Certifier::Admit() changes or shrinks v until it passes. No correction exceeds
+///      CertifiedOptions::correction_limit. If almost nothing of v passes, it
 ///      becomes a recovery that ascends l_tau from v = 0. A shrunk learned control consumes the
 ///      same fraction of a time step. After kMaxStalls stalls the controller halts (kNoProgress).
-///   5. HaltRule ends the episode at its limits.
+///   5. HaltRule ends the episode at its limits. Its patience counts consecutive recoveries and
+///      probes. Other controls consume time, also if only a part of them passes.
 ///
 /// A certificate assumes that controls act at once, that nothing else moves the state, and that
 /// observed states are exact up to delta. The controller compares the assumption with the outcome
-/// of each control and halts with kViolated at the first violation().
+/// of each control and halts with kViolated at the first violation (Step::observed_error).
 /// docs/certificates.md has the proof.
 ///
 /// Next() neither allocates nor locks.
@@ -47,7 +49,7 @@ class CertifiedController final : public Controller {
   [[nodiscard]] int state_dim() const noexcept override { return policy_->state_dim(); }
   [[nodiscard]] int control_dim() const noexcept override { return policy_->control_dim(); }
 
-  [[nodiscard]] const Violation& violation() const noexcept { return certifier_.violation(); }
+  void SetContext(std::span<const double> context) noexcept override { fit_.SetContext(context); }
   /// J of the last Next(), in features per Response::control_unit().
   [[nodiscard]] const Eigen::MatrixXd& jacobian() const noexcept { return fit_.jacobian(); }
 
@@ -57,13 +59,14 @@ class CertifiedController final : public Controller {
 
   [[nodiscard]] bool DeepInside(double level, double hi) const noexcept;
   [[nodiscard]] Mode Correct(const LocalModel& model, const StepTarget& target) noexcept;
-  [[nodiscard]] bool Probe(const LocalModel& model, int phase) noexcept;
   [[nodiscard]] bool Certify(const LocalModel& model, Step& step) noexcept;
 
   const core::Policy* policy_;
   TaskView task_;
   int first_step_;
   StepLimits limits_;
+  StepLimits corrections_;          ///< Limits of a correction of the present learned control.
+  Eigen::VectorXd most_corrected_;  ///< CertifiedOptions::correction_limit.
   double max_exit_level_;
   double probe_size_;
   bool demonstrated_;
@@ -79,7 +82,6 @@ class CertifiedController final : public Controller {
   Eigen::VectorXd v_;       ///< The control of this step; after the step, the last applied control.
   Eigen::VectorXd effect_;  ///< J v of the last applied control.
   Eigen::VectorXd learned_;
-  Eigen::VectorXd trial_;
 };
 
 }  // namespace dfr::control

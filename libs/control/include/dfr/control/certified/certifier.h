@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -11,13 +12,6 @@
 #include "dfr/core/matrix.h"
 
 namespace dfr::control {
-
-/// The first observed violation of the certificate's assumption.
-struct Violation {
-  int control = -1;       ///< Number of the applied control, from 0; -1: no violation.
-  double observed = 0.0;  ///< Observed |dz - J u| / |u|; infinite if u = 0.
-  double allowed = 0.0;   ///< eps, the assumed upper bound of that ratio.
-};
 
 /// Decides which controls provably end inside the support of a nearby phase, and compares the
 /// certificate's assumption with the outcome of each control (docs/certificates.md). Never
@@ -67,7 +61,7 @@ class Certifier {
   };
   /// Result of Admit().
   struct CertifiedStep {
-    bool any = true;     ///< False after three consecutive stalls.
+    bool any = true;     ///< False after certified::kMaxStalls consecutive stalls.
     double share = 1.0;  ///< Applied fraction of the chosen control.
     Mode mode = Mode::kPolicy;
     bool gets_on = true;  ///< True if the control aims at the next phase.
@@ -77,16 +71,19 @@ class Certifier {
   /// Changes `v` until it provably ends inside B_q(eta) of a nearby phase q. First raises `v` to
   /// the required level by AscendSupport(), then tries the nominal control of nearby
   /// demonstrations, and finally shrinks the requested control. If almost nothing of it remains,
-  /// `v` becomes a recovery that maximizes the margin. An entry with few values keeps its value in
+  /// `v` becomes a recovery that maximizes the margin. A recovery of which almost nothing passes is
+  /// a stall; a zero control of another source is none. An entry with few values keeps its value in
   /// a raised or shrunk control, and is 0 in a recovery. `fit` must be model.response.
   [[nodiscard]] CertifiedStep Admit(const LocalModel& model, LocalFit& fit,
                                     const StepLimits& limits, const Request& request,
                                     Eigen::VectorXd& v) noexcept;
-  /// Compares the observed change `dz` with the change `effect` that was predicted for `v`, control
-  /// number `control`. @returns false if they violate the assumption; see violation().
-  [[nodiscard]] bool Confirms(int control, const Eigen::VectorXd& v, const Eigen::VectorXd& effect,
-                              const Eigen::VectorXd& dz) noexcept;
-  [[nodiscard]] const Violation& violation() const noexcept { return violation_; }
+  /// Margin of FindViolation() for the rounding of features.
+  static constexpr double kFeatureRounding = 1e-9;
+  /// Compares the observed change `dz` with the change `effect` that was predicted for `v`.
+  /// @returns |dz - J u| / |u|, infinite if u = 0, if the two changes violate the assumption.
+  [[nodiscard]] std::optional<double> FindViolation(const Eigen::VectorXd& v,
+                                                    const Eigen::VectorXd& effect,
+                                                    const Eigen::VectorXd& dz) const noexcept;
 
  private:
   [[nodiscard]] double ShrunkFraction(const LocalModel& model, const StepLimits& limits, int phase,
@@ -96,7 +93,6 @@ class Certifier {
 
   Certificate certificate_;
   double control_unit_;
-  Violation violation_;
   int stalls_ = 0;  ///< Number of consecutive stalls.
   Eigen::VectorXd effect_;
   Eigen::VectorXd shift_;

@@ -13,7 +13,8 @@ inline constexpr double kOvershoot = 0.02;
 /// Smallest fraction of a control that is checked at its predicted state. The ball at the present
 /// state determines smaller fractions.
 inline constexpr double kLeastPart = 0.25;
-/// A control is a stall if less than this fraction of it passes.
+/// A recovery replaces a control of which less than this fraction passes. A recovery of which less
+/// passes is a stall.
 inline constexpr double kLeastShare = 0.02;
 /// Number of consecutive stalls that end the episode.
 inline constexpr int kMaxStalls = 3;

@@ -64,10 +64,7 @@ class GuidedController final : public Controller {
   /// Retracts all reports of Applied() since the last Next().
   void AppliedAsChosen() noexcept;
 
-  /// Sets the context of the next control (LocalFit::SetContext()).
-  void SetContext(std::span<const double> context) noexcept { fit_.SetContext(context); }
-  /// Returns J of the last Next() that computed one, in features per Response::control_unit().
-  [[nodiscard]] const Eigen::MatrixXd& jacobian() const noexcept { return fit_.jacobian(); }
+  void SetContext(std::span<const double> context) noexcept override { fit_.SetContext(context); }
 
  private:
   void DoReset(std::uint64_t seed) noexcept override;

@@ -55,7 +55,7 @@ struct StepLimits {
   [[nodiscard]] bool HasFewValues(Eigen::Index k) const noexcept {
     return !values.empty() && !values[static_cast<std::size_t>(k)].empty();
   }
-  /// Moves each entry with few values to the nearest of these values.
+  /// Moves each entry with few values to the nearest of these values, of two the first.
   void Snap(Eigen::VectorXd& v) const noexcept;
 };
 
@@ -79,5 +79,19 @@ double AscendSupport(const LocalModel& model, const StepTarget& target, const St
 /// Overload for a known `there` = model.Predict(target.phase, v). Updates `there` for the new `v`.
 double AscendSupport(const LocalModel& model, const StepTarget& target, const StepLimits& limits,
                      Eigen::VectorXd& v, PredictedLevel& there) noexcept;
+
+/// A probe of one direction of control.
+struct Probe {
+  double size = 0.0;        ///< Length before StepLimits::Limit(); 0: there is no probe.
+  int phase = 0;            ///< The sign with the higher predicted level in this phase is taken.
+  bool keeps_sign = false;  ///< Takes the sign of LocalFit::LeastExcitedDirection() instead.
+};
+
+/// Replaces `v` by a probe of the least excited direction of control at `fit`, within `limits`. An
+/// entry with few values takes the value nearest to 0.
+/// @returns false, with `v` unchanged, if no direction is unknown, or the unknown direction
+/// consists mostly of entries that are fixed. Neither allocates nor throws.
+bool TakeProbe(const core::LogDecisionFunction& support, LocalFit& fit, const StepLimits& limits,
+               const Probe& probe, Eigen::VectorXd& v) noexcept;
 
 }  // namespace dfr::control
