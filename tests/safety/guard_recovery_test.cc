@@ -4,14 +4,18 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <span>
+#include <string>
 #include <utility>
 #include <vector>
 
 #include "dfr/control/published/switching_controller.h"
 #include "dfr/core/random.h"
+#include "dfr/core/text/format.h"
 #include "dfr/safety/guard.h"
+#include "dfr/safety/guard_advice.h"
 #include "tests/safety/corridor.h"
 #include "tests/safety/corridor_guard.h"
 
@@ -22,6 +26,7 @@ using control::Mode;
 using test::Action;
 using test::CorridorPlant;
 using test::Model;
+using testing::HasSubstr;
 
 // Recovers with a constant action.
 class Shove final : public control::RecoveryStrategy {
@@ -221,6 +226,82 @@ TEST(CertifiedGuardTest, RaisesNoAlarmAtTheEndOfAnEpisode) {
     }
     EXPECT_GT(ends, 100);
   }
+}
+
+// Explanations use the certificate, which has no gate.
+TEST(CertifiedGuardTest, ExplainsWhyAnActionDoesNotPass) {
+  const auto model = Model(Strategy::kCertified);
+  Guard guard(model);
+  core::Random random(5);
+  int refused = 0;
+  int shallow = 0;
+  for (int episode = 0; episode < 10; ++episode) {
+    guard.Reset(static_cast<std::uint64_t>(episode));
+    CorridorPlant plant;
+    std::vector<double> safe(2);
+    for (int t = 0; t < 20; ++t) {
+      const std::vector<double> action = Action(0.1, 0.05 * random.Normal());
+      const Verdict verdict = guard.Filter(t, plant.x, action, safe);
+      if (verdict.mode == Mode::kHalt) break;
+      const std::string why = Explain(*model, verdict, plant.x, action);
+      EXPECT_EQ(why.empty(), !verdict.changed);
+      EXPECT_THAT(why, testing::Not(HasSubstr("passes above")));
+      refused += why.find("not certified to end without an alarm: l at step") < why.size() ? 1 : 0;
+      shallow += why.find("not predicted to end deep inside") < why.size() ? 1 : 0;
+      plant.Apply(safe);
+    }
+  }
+  EXPECT_GT(refused, 0);
+  EXPECT_GT(shallow, 0);
+}
+
+TEST(CertifiedGuardTest, ExplainsTheViolationOfItsAssumption) {
+  const auto model = Model(Strategy::kCertified);
+  const double allowed = model->settings().direction_error;
+  Guard guard(model);
+  guard.Reset(1);
+  CorridorPlant plant;
+  const std::vector<double> action = Action(test::kSpeed, 0.0);
+  std::vector<double> safe(2);
+  Verdict verdict = guard.Filter(0, plant.x, action, safe);
+  ASSERT_TRUE(verdict.certified);
+  EXPECT_TRUE(std::isnan(verdict.observed_error));
+  plant.x[1] -= test::kSpeed;
+  verdict = guard.Filter(1, plant.x, action, safe);
+  EXPECT_EQ(verdict.cause, control::HaltCause::kViolated);
+  EXPECT_GT(verdict.observed_error, allowed);
+  EXPECT_THAT(Explain(*model, verdict, plant.x, action),
+              testing::AllOf(HasSubstr(core::Format("by %.3g per unit", verdict.observed_error)),
+                             HasSubstr(core::Format("allows %.3g", allowed))));
+  verdict.observed_error = std::numeric_limits<double>::infinity();
+  EXPECT_THAT(Explain(*model, verdict, plant.x, action),
+              HasSubstr("although the last action was zero"));
+}
+
+// The error of the response is known only for demonstrated actions.
+TEST(CertifiedGuardTest, ACorrectionStaysWithinDemonstratedActions) {
+  const auto model = Model(Strategy::kCertified);
+  const std::vector<double> demonstrated = model->actions().Limits(1.0);
+  Guard guard(model);
+  core::Random random(5);
+  int changed = 0;
+  for (int episode = 0; episode < 30; ++episode) {
+    guard.Reset(static_cast<std::uint64_t>(episode));
+    CorridorPlant plant;
+    plant.x[2] = 0.1 * random.Normal();
+    std::vector<double> safe(2);
+    for (int t = 0; t < 20; ++t) {
+      const std::vector<double> action = Action(0.1, 0.1 * random.Normal());
+      const Verdict verdict = guard.Filter(t, plant.x, action, safe);
+      if (verdict.mode == Mode::kHalt) break;
+      changed += verdict.changed ? 1 : 0;
+      for (std::size_t i = 0; i < 2; ++i) {
+        EXPECT_LE(std::abs(safe[i]), std::max(demonstrated[i], std::abs(action[i])) + 1e-12);
+      }
+      plant.Apply(safe);
+    }
+  }
+  EXPECT_GT(changed, 50);
 }
 
 }  // namespace

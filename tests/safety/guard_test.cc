@@ -344,6 +344,7 @@ TEST(GuardTest, EveryInvalidCallHaltsUntilReset) {
       const Verdict verdict = guard.Filter(doubt.t, doubt.state, doubt.action, result);
       EXPECT_EQ(verdict.mode, Mode::kHalt);
       EXPECT_EQ(verdict.cause, doubt.cause) << verdict.reason();
+      EXPECT_TRUE(verdict.alarm || doubt.cause != control::HaltCause::kStateInvalid);
       EXPECT_THAT(result, testing::Each(0.0));
       EXPECT_TRUE(doubt.room <= 2 || std::isnan(verdict.change));
       // Valid input afterwards changes nothing.

@@ -212,6 +212,18 @@ const char* CauseOf(HaltCause cause) {
   }
 }
 
+// Describes an outcome that contradicts the certificate.
+std::string Violation(double observed, double allowed) {
+  if (std::isinf(observed)) {
+    return "the features changed although the last action was zero, which contradicts the "
+           "certificate";
+  }
+  return core::Format(
+      "the effect of the last action differed from its prediction by %.3g per unit "
+      "of action; the certificate allows %.3g",
+      observed, allowed);
+}
+
 // Explains why the policy's action is not applied.
 std::string WhyNot(const GuardModel& model, const Verdict& verdict, std::span<const double> state,
                    std::span<const double> action) {
@@ -230,6 +242,19 @@ std::string WhyNot(const GuardModel& model, const Verdict& verdict, std::span<co
                      verdict.predicted, verdict.pass_level);
     const auto entries = EntriesAt(model, next, Predicted(model, verdict.step, z, action));
     return entries.empty() ? text : text + ": then " + Describe(model, next, entries);
+  }
+  if (model.settings().strategy == Strategy::kCertified && verdict.source != Source::kHalt) {
+    const Certification found = model.Certify(verdict.step, state, action);
+    if (found.passes) {
+      return core::Format(
+          "the policy's action ends without an alarm, but is not predicted to end "
+          "deep inside, from l = %.3g on",
+          verdict.pass_level);
+    }
+    return core::Format(
+        "the policy's action is not certified to end without an alarm: l at step "
+        "%d would be %.3g below the required level",
+        found.step, -found.margin);
   }
   const auto entries = EntriesAt(model, verdict.alarm_step, z);
   if (!entries.empty()) return Describe(model, verdict.alarm_step, entries);
@@ -328,6 +353,9 @@ std::string Explain(const GuardModel& model, const Verdict& verdict, std::span<c
     case Source::kHalt: {
       if (verdict.cause == HaltCause::kStateInvalid && verdict.frozen >= 0) {
         return "halted: " + Standstill(model, verdict);
+      }
+      if (verdict.cause == HaltCause::kViolated && !std::isnan(verdict.observed_error)) {
+        return "halted: " + Violation(verdict.observed_error, model.settings().direction_error);
       }
       const bool invalid =
           verdict.cause == HaltCause::kStateInvalid || verdict.cause == HaltCause::kControlInvalid;

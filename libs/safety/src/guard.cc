@@ -92,6 +92,7 @@ std::unique_ptr<control::Controller> MakeController(
             .horizon = settings.horizon,
             .max_controls = settings.max_actions,
             .control_limit = model.actions().MeasuredLimits(settings.action_limit),
+            .correction_limit = model.actions().MeasuredLimits(model.actions().Limits(1.0)),
             .certificate = model.certificate(),
             .demonstrated = settings.demonstrated});
   }
@@ -287,9 +288,9 @@ Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const doub
     Clamp(model_->settings().action_limit, episode.bounded);
     if (episode.steers) {
       model_->actions().Measure(episode.bounded, episode.proposal.action());
-      if (episode.guided != nullptr && model_->context() != nullptr) {
+      if (model_->context() != nullptr) {
         model_->context()->Apply(state, episode.context);
-        episode.guided->SetContext(episode.context);
+        controller.SetContext(episode.context);
       }
     } else {
       std::copy(episode.bounded.begin(), episode.bounded.end(), episode.proposal.action().begin());
@@ -318,19 +319,19 @@ Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const doub
     episode.moved = model_->actions().StepOf(episode.given);
   }
 
-  Verdict verdict;
-  verdict.mode = step.mode;
-  verdict.cause = step.cause;
-  verdict.step = step.t;
-  verdict.threshold = step.threshold;
-  verdict.predicted = step.log_learned;
-  verdict.pass_level = step.log_threshold;
-  verdict.certified = step.certified;
-  verdict.entry = episode.entry;
-  verdict.frozen = episode.frozen;
-  if (episode.frozen >= 0) {
+  Verdict verdict{.mode = step.mode,
+                  .cause = step.cause,
+                  .certified = step.certified,
+                  .alarm = useless || !state_usable || off >= 0,
+                  .step = step.t,
+                  .entry = episode.entry,
+                  .frozen = episode.frozen,
+                  .threshold = step.threshold,
+                  .predicted = step.log_learned,
+                  .pass_level = step.log_threshold,
+                  .observed_error = step.observed_error};
+  if (episode.frozen >= 0)
     verdict.unchanged = episode.unchanged[static_cast<std::size_t>(episode.frozen)];
-  }
   if (state_usable) {
     // The supports of all time steps have the same features.
     model_->task().features().Apply(state, episode.features);
@@ -346,7 +347,7 @@ Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const doub
         verdict.alarm_step = std::min(certified->phase(), model_->num_steps() - 1);
       }
     }
-    verdict.alarm = useless || !(verdict.level >= least);
+    verdict.alarm = verdict.alarm || !(verdict.level >= least);
     if (episode.monitors) verdict.step = verdict.alarm_step;
     // A halted controller returns values from before the halt.
     const bool seen = step.mode != Mode::kHalt && std::isfinite(step.g);
@@ -399,8 +400,7 @@ void Guard::Applied(std::span<const double> action) noexcept {
   }
   model_->actions().Measure(action, episode.chosen);
   // The estimate of the response sums products of squares, which must not overflow.
-  double square = 0.0;
-  for (const double u : episode.chosen) square += u * u;
+  const double square = core::AsVector(std::span<const double>(episode.chosen)).squaredNorm();
   if (!std::isfinite(square * square)) return episode.controller->Stop(HaltCause::kControlInvalid);
   episode.guided->Applied(episode.chosen);
 }

@@ -6,6 +6,7 @@
 #include <optional>
 #include <utility>
 
+#include "dfr/control/certified/certificate_constants.h"
 #include "dfr/control/certified/certifier.h"
 #include "dfr/control/phase_tracker.h"
 #include "dfr/core/build_info.h"
@@ -288,6 +289,15 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
         internal::Names(layout, moved) +
         ": moved by entries of an action that the guard passes and not by those that it steers. "
         "They are not in the support: the policy alone is responsible for them");
+  }
+  const double drift =
+      std::max(control::LargestChangeAtRest(recorded.seen), control::LargestChangeAtRest(unseen));
+  if (options.strategy == Strategy::kCertified && drift > control::Certifier::kFeatureRounding) {
+    model->summary_.fit_warnings.push_back(core::Format(
+        "features change by up to %.2g in steps with a zero action: assumption 3 of a certificate "
+        "does not hold, and a certified guard halts there. Remove the cause, such as noise of "
+        "sensors, or use another strategy",
+        drift));
   }
   if (alarm.confidence < options.confidence) {
     model->summary_.fit_warnings.push_back(core::Format(

@@ -319,6 +319,28 @@ TEST(GuardAdviceTest, AClockIsFoundInAnyUnitAndAConstantIsNoClock) {
 }
 
 // Warnings judge every third transition. In one order these would be the contradictory ones.
+// An object settles while the robot pauses.
+TEST(GuardAdviceTest, MotionUnderAZeroActionIsNamedForACertificate) {
+  for (const double drift : {0.0, 0.01}) {
+    auto demonstrations = test::CorridorDemonstrations(1, 30);
+    for (core::Trajectory& d : demonstrations) {
+      for (Eigen::Index t = 8; t < 12; ++t) {
+        const Eigen::RowVector3d step = d.states.row(t + 1) - d.states.row(t);
+        d.states.bottomRows(d.states.rows() - t - 1).rightCols(2).rowwise() -= step.tail(2);
+        d.states.bottomRows(d.states.rows() - t - 1).col(2).array() += drift;
+        d.controls.row(t).setZero();
+      }
+    }
+    for (const Strategy strategy : {Strategy::kGuard, Strategy::kCertified}) {
+      const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations,
+                                         {.features = "tip", .strategy = strategy});
+      EXPECT_EQ(testing::Value(Warnings(*model),
+                               testing::Contains(HasSubstr("in steps with a zero action"))),
+                drift > 0.0 && strategy == Strategy::kCertified);
+    }
+  }
+}
+
 TEST(GuardAdviceTest, WarningsDoNotDependOnTheOrderOfDemonstrations) {
   const auto model = GoodModel();
   auto demonstrations = test::CorridorDemonstrations(1, 60);

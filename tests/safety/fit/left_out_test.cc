@@ -214,5 +214,34 @@ TEST(LeftOutTest, AnOmittedFeatureDistinguishesDemonstrations) {
   EXPECT_EQ(ends[3], ends[1]);
 }
 
+// The policy's action leaves the support, and no change of it passes without an ascent.
+TEST(LeftOutTest, AnOmittedFeatureDistinguishesDemonstrationsOfACertifiedGuard) {
+  const auto fitted =
+      GuardModel::Fit(GrippingLayout(), Gripping(40, true),
+                      {.strategy = Strategy::kCertified, .action_limit = {1.0, 1.0, 1.0}});
+  GuardSettings settings = fitted->settings();
+  settings.direction_error = 0.5;
+  const auto model = fitted->With(settings);
+  const auto forth = [&](double closed) {
+    Guard guard(model);
+    guard.Reset(1);
+    std::vector<double> state = {0.0, 0.0, 0.0};
+    std::vector<double> action(3);
+    // The robot follows demonstrations up to the time at which some grippers are closed.
+    int t = 0;
+    for (; t < 12; ++t) {
+      const Verdict verdict = guard.Filter(t, state, std::vector{0.02, 0.0, -1.0}, action);
+      EXPECT_NE(verdict.mode, control::Mode::kHalt) << t << ": " << verdict.reason();
+      state[0] += action[0];
+      state[1] += action[1];
+    }
+    state[2] = closed;
+    const Verdict verdict = guard.Filter(t, state, std::vector{0.0, 1.0, 1.0}, action);
+    EXPECT_EQ(verdict.source, Source::kDemonstrations) << verdict.reason();
+    return action[0];
+  };
+  EXPECT_GT(forth(0.0), forth(1.0) + 0.01);
+}
+
 }  // namespace
 }  // namespace dfr::safety

@@ -30,7 +30,7 @@ typedef struct {
   uint32_t size;      /* Set by the caller: sizeof(dfr_guard_verdict). Limits the written bytes. */
   int32_t mode;       /* DFR_GUARD_POLICY and so on. */
   int32_t changed;    /* 1 if the action differs from the policy's. */
-  int32_t alarm;      /* 1 if the state is too far outside, unlike demonstrations, or frozen. */
+  int32_t alarm;      /* 1 if the state is outside, invalid, unlike demonstrations or frozen. */
   int32_t step;       /* Time step of the strategy, used for g and threshold. */
   int32_t alarm_step; /* Nearby time step whose support fits the state best. */
   double g;           /* Positive inside the support; NaN for an invalid state. */

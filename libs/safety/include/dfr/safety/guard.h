@@ -40,8 +40,8 @@ struct Verdict {
   double change = 0.0;
   /// Strategy kCertified: under its assumptions, the next state raises no alarm.
   bool certified = false;
-  /// True if `level` is below -GuardSettings::alarm_level, or the state resembles no demonstration
-  /// or is frozen.
+  /// True if `level` is below -GuardSettings::alarm_level, or the state is invalid, resembles no
+  /// demonstration or is frozen.
   bool alarm = false;
   /// Time step of the alarm: the step near the expected step whose support fits the state best. The
   /// paces of demonstrations and robots differ. kCertified: a step near that of the last certified
@@ -67,6 +67,9 @@ struct Verdict {
   /// the support of `step`. NaN if the guard did not predict l.
   double predicted = std::numeric_limits<double>::quiet_NaN();
   double pass_level = std::numeric_limits<double>::quiet_NaN();
+  /// Cause kViolated: the error of the predicted response to the last action, per unit of action,
+  /// beyond GuardSettings::direction_error; infinite if the action was zero. Otherwise NaN.
+  double observed_error = std::numeric_limits<double>::quiet_NaN();
 
   /// Returns, for kPolicy, "changed", "inside", or "outside" (passed, although the state is
   /// outside); for kHalt, control::Name(cause); otherwise Name(source).
