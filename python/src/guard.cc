@@ -375,7 +375,7 @@ info : dict
     why : str, why the policy's action did not pass; "" if it passed.
     change : float or None, size of the change; an ordinary demonstrated action has length 1.
     certified : bool, whether the next state provably raises no alarm (see docs/certificates.md).
-    alarm : bool, whether the state is below the alarm level, unlike all demonstrations, or frozen.
+    alarm : bool, whether the state is below the alarm level, invalid, unlike all demonstrations, or frozen.
     alarm_step : int, the time step of the alarm: the nearby time step whose support fits the state best.
     step : int, the time step of the strategy, of g and of threshold.
     entry : str or None, the invalid entries if the reason is "quaternion-invalid", as "quat[0:4]".
