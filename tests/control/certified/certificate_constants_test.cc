@@ -77,6 +77,15 @@ TEST(CertificateConstantsTest, TheOrderOfDemonstrationsChangesNoBit) {
   }
 }
 
+// J is that of x' = x + 0.3 R u. The response of one held-out demonstration is twice as large, and
+// the error of J is largest at its first step: 0.6 in features.
+TEST(CertificateConstantsTest, TheDirectionErrorIsTheLargestOfAllHeldOutSteps) {
+  const Response response({Doubled(), Walks(40, 0.0)});
+  auto walks = Walks(3, 0.0, 2);
+  walks[1].states *= 2.0;
+  EXPECT_NEAR(EstimateDirectionError(response, {Doubled(), walks}).value, 0.6, 0.01);
+}
+
 // J was fitted to other demonstrations. The share of further demonstrations below the constant is
 // less than `coverage` in at most 5 % of fits.
 TEST(CertificateConstantsTest, CoverageHoldsForAJacobianOfOtherDemonstrations) {
@@ -134,6 +143,7 @@ TEST(CertificateConstantsTest, DemonstrationsWithoutAControlDoNotCount) {
         EstimateDirectionError(response, {Doubled(), walks})}) {
     EXPECT_EQ(constant.demonstrations, 3);
     EXPECT_NEAR(constant.coverage, coverage, 1e-12);
+    EXPECT_LT(constant.value, 1.0) << "features that change without a control do not count";
   }
   for (auto& walk : walks) walk.controls.setZero();
   EXPECT_THROW((void)EstimateDirectionError(response, {Doubled(), walks}), std::invalid_argument);

@@ -93,6 +93,8 @@ TEST(LargestShareTest, IsZeroOutsideAndOneTowardsTheCentre) {
   EXPECT_EQ(LargestShare({-1.0, 0.5}, shift, std::vector{0.1, 0.0}, 0.0), 0.0);
   // The control leads to the centre of the ball and stops there.
   EXPECT_EQ(LargestShare({0.6, 0.5}, shift, std::vector{0.5, 0.0}, 0.0), 1.0);
+  // The control leads from the boundary through the centre to the opposite boundary.
+  EXPECT_NEAR(LargestShare({0.5, 0.5}, shift, std::vector{1.2, 0.0}, 0.0), 1.0 / 1.2, 2e-9);
   // The control leads outwards from the boundary.
   EXPECT_EQ(LargestShare({0.5, 0.5}, shift, std::vector{-1.0, 0.0}, 0.0), 0.0);
 }

@@ -269,6 +269,37 @@ TEST_F(CertifiedControllerTest, APauseOfThePolicyIsNoStall) {
   }
 }
 
+// A state in the middle of B_0 and B_1, and a small control.
+TEST_F(CertifiedControllerTest, AControlThatPassesIsUnchanged) {
+  const auto policy = test::ConstantPolicy(2, 0.08);
+  CertifiedController certified(policy, model, Certified(0.1));
+  const Step step = First(certified, {0.05, 0.0});
+  EXPECT_EQ(step.mode, Mode::kPolicy);
+  EXPECT_FALSE(step.filtered);
+  EXPECT_TRUE(std::isnan(step.change));
+  EXPECT_EQ(u, (std::vector{0.08, 0.0}));
+}
+
+// No control within the limit leads back into B_1. The exit level is 2 * 0.2, and
+// l_1 = log 2 - 4 |x - (0.1, 0)|^2.
+TEST_F(CertifiedControllerTest, AChangedControlBeyondTheExitLevelIsARecovery) {
+  const auto policy = test::ConstantPolicy(2, 0.002);
+  CertifiedOptions options = Certified(0.1);
+  options.certificate.level = 1.0;
+  options.control_limit = {0.002};
+  for (const double y : {0.5, 0.55}) {
+    CertifiedController certified(policy, model, options);
+    const Step step = First(certified, {0.1, y});
+    const bool beyond = std::log(2.0) - 4.0 * y * y < -0.4;
+    EXPECT_EQ(beyond, y == 0.55);
+    EXPECT_EQ(step.mode, beyond ? Mode::kRecovery : Mode::kPolicy);
+    EXPECT_EQ(step.filtered, !beyond);
+    const double change = std::hypot(u[0] - 0.002, u[1]) / model.response.control_unit();
+    EXPECT_NEAR(step.change, change, 1e-12);
+    EXPECT_GT(change, 0.0);
+  }
+}
+
 // The excess over a limit may vanish in the rounding of the control's norm.
 TEST_F(CertifiedControllerTest, ATinyExcessOverALimitIsRemoved) {
   const test::FunctionPolicy policy(2, 2,
