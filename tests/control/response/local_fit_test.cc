@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include <Eigen/Geometry>
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <span>
@@ -140,6 +140,43 @@ TEST(LocalFitTest, DemonstrationsDisagreeOnAnEntryThatActsOnlyInContact) {
   LocalFit far = estimate.FitAt(5, std::vector<double>{8.0, 0.0});
   const test::NoAlloc guard;
   EXPECT_GT(far.Agreement(0), 0.9);
+}
+
+// Demonstrations agree exactly on the effect of a control, and the drift is larger.
+TEST(LocalFitTest, ADriftIsNoDisagreement) {
+  core::Random random(7);
+  const auto seen = Simulate(
+      30, 10, 1, 1, [&](int, auto z) { z << random.Normal(); },
+      [&](int, const auto& z, auto v, auto next) {
+        v << 0.3 * random.Normal();
+        next = z + v;
+        next[0] += 1.0;
+      });
+  const ResponseEstimate estimate(Store(seen), {}, /*drift=*/true);
+  LocalFit fit = estimate.FitAt(5, std::vector{5.0});
+  ASSERT_GT(fit.drift()[0], 0.8);
+  EXPECT_GT(fit.Agreement(0), 0.8);
+}
+
+// A = ridge I + sum of v v'. The sum of the eigenvalues of A^-1 is its trace.
+TEST(LocalFitTest, TheSumOfEigenvaluesIsReturnedIfItIsKnownToSuffice) {
+  core::Random random(4);
+  const ResponseOptions options{.prior_weight = 0.0};
+  ResponseEstimate estimate(Store(Linear(RandomMatrix(random, kEntries, 3), 4, 3, random), options),
+                            {}, /*drift=*/false);
+  const std::vector<double> z(kEntries, 0.0);
+  LocalFit fit = estimate.FitAt(0, z);
+  Eigen::MatrixXd a = Eigen::MatrixXd::Zero(3, 3);
+  for (int i = 0; i < 5; ++i) {
+    const Eigen::VectorXd v = RandomMatrix(random, 3, 1);
+    a = options.forgetting * a + v * v.transpose();
+    estimate.Update(fit, core::AsSpan(v), z);
+  }
+  a.diagonal().array() += options.ridge;
+  estimate.FitAt(0, z, fit);
+  std::vector<double> direction(3);
+  const double trace = a.inverse().trace();
+  EXPECT_NEAR(fit.LeastExcitedDirection(direction, 2.0 * trace), trace, 1e-9 * trace);
 }
 
 TEST(LocalFitTest, LeastExcitedDirectionIsTheTopEigenvectorOfTheInverse) {

@@ -150,6 +150,9 @@ TEST(ResponseEstimateTest, LearnsTheEffectOfAnUndemonstratedControlAndNotTheNois
   EXPECT_NEAR(learned(2.0, 0.0), 2.0, 0.1);
   // The errors of a response that demonstrations do not determine do not count as noise.
   EXPECT_NEAR(learned(4.0, 0.0), 4.0, 0.2);
+  double sum = 0.0;
+  for (int i = 0; i < 40; ++i) sum += learned(4.0, 0.5);
+  EXPECT_NEAR(sum / 40.0, 4.0, 0.4) << "half an ordinary change of noise";
   double square = 0.0;
   for (int i = 0; i < 40; ++i) square += std::pow(learned(0.0, 10.0), 2);
   // Least squares with the ridge alone has the variance 100 / sum v^2, about 50.
@@ -250,35 +253,37 @@ TEST(ResponseEstimateTest, SeparatesADisturbanceFromTheResponseToControls) {
 // Definition: weighted least squares with forgetting over [z' - z; 1; v], where z is the state of
 // the fit.
 TEST(ResponseEstimateTest, DriftIsLeastSquaresAboutTheStateOfTheFit) {
-  core::Random random(11);
-  const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
-  const ResponseOptions options{.prior_weight = 0.0};
-  ResponseEstimate estimate(Store(d, options));
-  LocalFit fit = estimate.MakeFit();
-  constexpr int kRows = kN + 1 + kM;
-  const Eigen::VectorXd here = RandomMatrix(random, kN, 1);
-  Eigen::MatrixXd a = Eigen::MatrixXd::Zero(kRows, kRows);
-  Eigen::MatrixXd b = Eigen::MatrixXd::Zero(kRows, kN);
-  for (int i = 0; i < 30; ++i) {
-    const Eigen::VectorXd z = RandomMatrix(random, kN, 1);
-    const Eigen::VectorXd v = RandomMatrix(random, kM, 1);
-    // Larger changes would count as noise and raise the ridge of J.
-    const Eigen::VectorXd dz = 0.2 * RandomMatrix(random, kN, 1);
-    // At every control the sums are relative to a different state.
-    estimate.FitAt(0, core::AsSpan(z), fit);
-    estimate.Update(fit, core::AsSpan(v), core::AsSpan(dz));
-    Eigen::VectorXd w(kRows);
-    w << z - here, 1.0, v;
-    a = options.forgetting * a + w * w.transpose();
-    b = options.forgetting * b + w * dz.transpose();
+  for (const int m : {1, kM}) {
+    core::Random random(11);
+    const auto d = Linear(RandomMatrix(random, kN, m), 4, 3, random);
+    const ResponseOptions options{.prior_weight = 0.0};
+    ResponseEstimate estimate(Store(d, options));
+    LocalFit fit = estimate.MakeFit();
+    const int rows = kN + 1 + m;
+    const Eigen::VectorXd here = RandomMatrix(random, kN, 1);
+    Eigen::MatrixXd a = Eigen::MatrixXd::Zero(rows, rows);
+    Eigen::MatrixXd b = Eigen::MatrixXd::Zero(rows, kN);
+    for (int i = 0; i < 30; ++i) {
+      const Eigen::VectorXd z = RandomMatrix(random, kN, 1);
+      const Eigen::VectorXd v = RandomMatrix(random, m, 1);
+      // Larger changes would count as noise and raise the ridge of J.
+      const Eigen::VectorXd dz = 0.2 * RandomMatrix(random, kN, 1);
+      // At every control the sums are relative to a different state.
+      estimate.FitAt(0, core::AsSpan(z), fit);
+      estimate.Update(fit, core::AsSpan(v), core::AsSpan(dz));
+      Eigen::VectorXd w(rows);
+      w << z - here, 1.0, v;
+      a = options.forgetting * a + w * w.transpose();
+      b = options.forgetting * b + w * dz.transpose();
+    }
+    for (Eigen::Index i = 0; i < rows; ++i) {
+      a(i, i) += i < kN ? options.slope_ridge : i == kN ? options.drift_ridge : options.ridge;
+    }
+    const Eigen::MatrixXd expected = core::SolveSymmetric(a, b);
+    estimate.FitAt(0, core::AsSpan(here), fit);
+    EXPECT_TRUE(test::AllClose(fit.jacobian(), expected.bottomRows(m).transpose(), 1e-12));
+    EXPECT_TRUE(test::AllClose(fit.drift(), expected.row(kN).transpose(), 1e-12));
   }
-  for (Eigen::Index i = 0; i < kRows; ++i) {
-    a(i, i) += i < kN ? options.slope_ridge : i == kN ? options.drift_ridge : options.ridge;
-  }
-  const Eigen::MatrixXd expected = core::SolveSymmetric(a, b);
-  estimate.FitAt(0, core::AsSpan(here), fit);
-  EXPECT_TRUE(test::AllClose(fit.jacobian(), expected.bottomRows(kM).transpose(), 1e-12));
-  EXPECT_TRUE(test::AllClose(fit.drift(), expected.row(kN).transpose(), 1e-12));
 }
 
 // A mass moves by its velocity without a force, but every demonstration has a force. Feedback

@@ -58,6 +58,8 @@ TEST(ResponseTest, HasADriftIfItExplainsHeldOutDemonstrations) {
   EXPECT_TRUE(Response({test::IdentityFeatures(), thrown}).has_drift());
   EXPECT_FALSE(Response({test::IdentityFeatures(), {thrown.data(), 1}}).has_drift())
       << "one demonstration leaves none to hold out";
+  for (core::Trajectory& d : thrown) d.states.setZero();
+  EXPECT_FALSE(Response({test::IdentityFeatures(), thrown}).has_drift()) << "nothing moves";
 }
 
 // A point drives right and steers to the middle with unsteady hands. Steps are .4 long. Sensors
@@ -91,6 +93,7 @@ TEST(ResponseTest, NoiseOfStatesBarelyChangesTheNominalControl) {
     archive.Save(path);
     core::ArchiveReader reader(path, "response", 1);
     const Response response = Response::Load(reader);
+    EXPECT_EQ(response.prior()->options().measured_changes, noise == 0.0);
     const ResponseEstimate estimate(response.prior(), {}, response.has_drift());
     LocalFit fit = estimate.MakeFit();
     double missed = 0.0;

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <limits>
 #include <stdexcept>
+#include <utility>
 #include <vector>
 
 #include "dfr/core/files/archive.h"
@@ -26,7 +27,7 @@ TEST(TransitionStoreTest, ErrorsNameTheCulprit) {
   EXPECT_EQ(message({}), "nothing thrown");
   EXPECT_THAT(message({.ridge = 0.0}), testing::HasSubstr("ridge"));
   EXPECT_THAT(message({.drift_ridge = 0.0}), testing::HasSubstr("drift_ridge"));
-  EXPECT_THAT(message({.slope_ridge = -1.0}), testing::HasSubstr("slope_ridge"));
+  EXPECT_THAT(message({.slope_ridge = 0.0}), testing::HasSubstr("slope_ridge"));
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   EXPECT_THAT(message({.ridge = kInfinity}), testing::HasSubstr("ridge"));
   EXPECT_THAT(message({.drift_ridge = kInfinity}), testing::HasSubstr("drift_ridge"));
@@ -35,6 +36,15 @@ TEST(TransitionStoreTest, ErrorsNameTheCulprit) {
   EXPECT_THAT(message({.prior_weight = -1.0}), testing::HasSubstr("prior_weight"));
   EXPECT_THAT(message({.forgetting = 1.0}), testing::HasSubstr("forgetting"));
   EXPECT_THAT(message({.max_per_step = 0}), testing::HasSubstr("max_per_step"));
+  EXPECT_EQ(message({.window = 5, .max_per_step = 93}), "nothing thrown") << "1023 transitions";
+  EXPECT_THAT(message({.window = 5, .max_per_step = 94}), testing::HasSubstr("at most 1024"));
+  for (const auto& [n, m] : {std::pair(0, 2), std::pair(257, 2), std::pair(3, 0)}) {
+    const std::vector<core::Matrix> states(1, core::Matrix::Ones(6, n));
+    const std::vector<core::Matrix> actions(1, core::Matrix::Ones(5, m));
+    EXPECT_THAT(test::MessageOf<std::invalid_argument>(
+                    [&] { const TransitionStore prior(states, actions, {}); }),
+                testing::HasSubstr("1 to 256 are supported"));
+  }
   controls[1] = core::Matrix::Ones(4, 2);
   EXPECT_THAT(message({}), testing::HasSubstr("demonstration 1"));
 }
@@ -58,8 +68,35 @@ TEST(TransitionStoreTest, SurroundingsAreTheBoxOfAllStatesEnlargedByItsDiagonal)
   EXPECT_FALSE(prior.Reaches(std::vector<double>{1e300, 0.0}));
 }
 
-TEST(TransitionStoreTest, AFileWithInvalidTimeStepsIsRefused) {
+// All transitions begin at z = 0 with v = (2, 0) and dz = 3: both have the same weight.
+TEST(TransitionStoreTest, AShareComparesWhatAnEntryExplainsWithTheRest) {
+  core::Matrix states(2, 1);
+  states << 0, 3;
+  core::Matrix controls(1, 2);
+  controls << 2, 0;
+  const TransitionStore prior(std::vector(2, states), std::vector(2, controls), {});
+  TransitionStore::Workspace workspace = prior.MakeWorkspace();
+  ASSERT_TRUE(prior.SumControls(0, std::vector{0.0}, workspace));
+  EXPECT_EQ(prior.Share(1, 1.5, workspace), 1.0) << "the entry is unused, and nothing is left";
+  // The residual is 3 dz = 9, and entry 0 explains 1.5 * 2 = 3.
+  workspace.residual[4] = 3.0F;
+  EXPECT_NEAR(prior.Share(0, 1.5, workspace), 9.0 / (9.0 + 81.0), 1e-6);
+  EXPECT_EQ(prior.Share(1, 1.5, workspace), 0.0);
+}
+
+TEST(TransitionStoreTest, WithoutControlsThereAreNoSums) {
+  const TransitionStore prior(std::vector(2, core::Matrix(core::Matrix::Ones(3, 1))),
+                              std::vector(2, core::Matrix(core::Matrix::Zero(2, 1))), {});
+  TransitionStore::Workspace workspace = prior.MakeWorkspace();
+  EXPECT_FALSE(prior.SumControls(0, std::vector{1.0}, workspace));
+  EXPECT_EQ(prior.mean_square_change(), 0.0);
+}
+
+TEST(TransitionStoreTest, AnInvalidFileIsRefused) {
   const auto path = std::filesystem::path(testing::TempDir()) / "broken_prior.dfr";
+  core::Matrix rows = core::Matrix::Ones(60, 4);
+  int features = 1;
+  int entries = 1;
   const auto message = [&](const std::vector<int>& begin, int contexts = 60) {
     core::ArchiveWriter archive("prior", 1);
     const ResponseOptions options;
@@ -71,10 +108,10 @@ TEST(TransitionStoreTest, AFileWithInvalidTimeStepsIsRefused) {
     archive.Number(options.drift_ridge);
     archive.Number(options.slope_ridge);
     archive.Integer(options.measured_changes ? 1 : 0);
-    archive.Integer(1);
-    archive.Integer(1);
+    archive.Integer(features);
+    archive.Integer(entries);
     archive.Integers(begin);
-    archive.MatrixBlock(core::Matrix::Ones(60, 4));
+    archive.MatrixBlock(rows);
     archive.MatrixBlock(core::Matrix::Zero(contexts, 1));
     archive.Save(path);
     core::ArchiveReader reader(path, "prior", 1);
@@ -82,6 +119,7 @@ TEST(TransitionStoreTest, AFileWithInvalidTimeStepsIsRefused) {
         [&] { static_cast<void>(TransitionStore::Load(reader)); });
   };
   EXPECT_EQ(message({0, 30, 60}), "nothing thrown");
+  EXPECT_EQ(message({0, 30, 30, 60}), "nothing thrown") << "a time step without a transition";
   EXPECT_THAT(message({0, 60, 60}), testing::HasSubstr("time step 0 of the transitions has 60"));
   EXPECT_THAT(message({0, -1, 30, 60}), testing::HasSubstr("time step 0 of"));
   EXPECT_THAT(message({0, 30, 20, 60}), testing::HasSubstr("time step 1 of"));
@@ -90,6 +128,17 @@ TEST(TransitionStoreTest, AFileWithInvalidTimeStepsIsRefused) {
   EXPECT_THAT(message({1, 30, 60}), testing::HasSubstr("begin at row 0"));
   EXPECT_THAT(message({0}), testing::HasSubstr("begin at row 0"));
   EXPECT_THAT(message({0, 30, 60}, 59), testing::HasSubstr("contexts do not match"));
+  for (const auto& [column, bad] : {std::pair(3, std::nan("")), std::pair(1, 2.0)}) {
+    rows(7, column) = bad;
+    EXPECT_THAT(message({0, 30, 60}), testing::HasSubstr("invalid entry")) << column;
+    rows(7, column) = 1.0;
+  }
+  rows = core::Matrix::Ones(60, 3);
+  entries = 0;
+  EXPECT_NE(message({0, 30, 60}), "nothing thrown") << "no control entries";
+  rows = core::Matrix::Ones(60, 2);
+  std::swap(features, entries);
+  EXPECT_NE(message({0, 30, 60}), "nothing thrown") << "no features";
   std::filesystem::remove(path);
 }
 
