@@ -125,6 +125,12 @@ TEST_F(GuidedControllerTest, AStepReportsItsReasons) {
     EXPECT_FALSE(step.certified);
     const bool changed = std::abs(u[0] - 0.1) > 1e-15 || u[1] != 0.0;
     EXPECT_EQ(step.filtered, step.mode == Mode::kPolicy && changed);
+    if (changed) {
+      const double change = std::hypot(u[0] - 0.1, u[1]) / model.response.control_unit();
+      EXPECT_NEAR(step.change, change, 1e-12);
+    } else {
+      EXPECT_TRUE(std::isnan(step.change));
+    }
     recoveries += step.mode == Mode::kRecovery ? 1 : 0;
     plant.Apply(u);
     // The plant responds as demonstrated: a state that was predicted inside is inside.
@@ -226,21 +232,64 @@ TEST_F(GuidedControllerTest, WithLeastInterventionAStuckEpisodeRelocatesItsPhase
     GuidedController guided(policy, model,
                             {.horizon = 100, .first_step = kSteps, .least_intervention = least});
     guided.Reset(1);
-    std::vector<int> phases;
-    Step step = guided.Next(stuck, u);
-    for (int i = 0; i < 200 && step.mode != Mode::kHalt; ++i) {
-      phases.push_back(step.t);
-      step = guided.Next(stuck, u);
-    }
-    EXPECT_EQ(step.cause, HaltCause::kNoProgress);
     int back = 0;
-    for (std::size_t i = 1; i < phases.size(); ++i) {
-      if (phases[i] >= phases[i - 1]) continue;
-      ++back;
-      EXPECT_EQ(phases[i], 4);
+    Step last = guided.Next(stuck, u);
+    for (int i = 0; i < 200 && last.mode != Mode::kHalt; ++i) {
+      const Step step = guided.Next(stuck, u);
+      if (step.mode != Mode::kHalt && step.t < last.t) {
+        ++back;
+        EXPECT_EQ(step.t, 4);
+        EXPECT_EQ(last.iteration + 1, GuidedOptions{}.patience / 2);
+      }
+      last = step;
     }
+    EXPECT_EQ(last.cause, HaltCause::kNoProgress);
     EXPECT_GE(back, least ? 1 : 0);
     EXPECT_LE(back, least ? guided::kMostRelocations : 0);
+  }
+}
+
+// Observed states stay at the edge, although each control is predicted to end deep inside. After n
+// steps EdgeStay counts (1 - .98^n) / .02 steps.
+TEST_F(GuidedControllerTest, AStayAtTheEdgeRaisesThePassLevelOverTenSteps) {
+  constexpr double kAside = 0.13;
+  const test::FunctionPolicy inwards(
+      2, 2, [](int, std::span<const double>, std::span<double> learned) {
+        std::ranges::copy(std::array{test::kSpeed, -kAside}, learned.begin());
+      });
+  GuidedController guided(inwards, model,
+                          {.least_intervention = true, .online_weight = 0.0, .observer = false});
+  guided.Reset(1);
+  int between = 0;
+  for (int n = 0; n < kSteps; ++n) {
+    const std::vector<double> x = {n * test::kSpeed, kAside};
+    ASSERT_LT(support.LogDecision(n, x, {}), model.levels.edge(n));
+    const Step step = guided.Next(x, u);
+    ASSERT_EQ(step.mode, Mode::kPolicy);
+    ASSERT_FALSE(step.filtered);
+    ASSERT_EQ(step.t, n);
+    const double lo = model.levels.pass(n + 1);
+    const double hi = model.levels.gate(n + 1);
+    ASSERT_GT(lo, 0.1);
+    const double share = ((1.0 - std::pow(0.98, n)) / 0.02 - 10.0) / 10.0;
+    EXPECT_NEAR(step.log_threshold, lo + (hi - lo) * std::clamp(share, 0.0, 1.0), 1e-12) << n;
+    between += share > 0.0 && share < 1.0 ? 1 : 0;
+  }
+  EXPECT_GT(between, 5);
+}
+
+// A wrong measurement shows the point far outside, and the next one inside again. Neither the jump
+// nor the return is an effect of a control.
+TEST_F(GuidedControllerTest, AJumpFarOutsideDoesNotChangeTheResponse) {
+  const auto policy = test::ConstantPolicy(2, test::kSpeed);
+  GuidedController guided(policy, model, {.observer = false});
+  guided.Reset(1);
+  const ResponseEstimate untouched(model.response.prior(), {}, model.response.has_drift());
+  for (const double x : {0.0, 10.0, 0.1}) {
+    const std::vector<double> seen = {x, 0.0};
+    const Step step = guided.Next(seen, u);
+    ASSERT_NE(step.mode, Mode::kHalt);
+    EXPECT_TRUE(guided.jacobian() == untouched.FitAt(step.t, seen).jacobian()) << x;
   }
 }
 
@@ -345,7 +394,7 @@ TEST_F(GuidedControllerTest, ErrorsNameTheCulprit) {
         [&] { const GuidedController guided(policy, model, options); });
   };
   EXPECT_THAT(message({}, 3), HasSubstr("3 control entries"));
-  EXPECT_THAT(message({.horizon = 0}), HasSubstr("horizon"));
+  EXPECT_THAT(message({.horizon = 0}), HasSubstr("horizon must"));
   EXPECT_THAT(message({.max_controls = 0}), HasSubstr("max_controls"));
   EXPECT_THAT(message({.control_limit = {-1.0}}), HasSubstr("control_limit"));
   EXPECT_THAT(message({.disturbance_model = {.base = -1.0}}), HasSubstr("disturbance_model"));

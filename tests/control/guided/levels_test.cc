@@ -121,6 +121,7 @@ TEST(LevelsTest, ErrorsNameTheCulprit) {
   EXPECT_THAT(message(Points(), {.gate_quantile = 1.1}), HasSubstr("gate_quantile"));
   EXPECT_THAT(message(Points(), {.gate_quantile = -0.1}), HasSubstr("gate_quantile"));
   EXPECT_THAT(message(Points(), {.pass_quantile = 0.9}), HasSubstr("pass_quantile"));
+  EXPECT_EQ(message(Points(), {.gate_quantile = 0.5, .pass_quantile = 0.5}), "nothing thrown");
   EXPECT_THAT(message(Points(), {.edge_quantile = 1.5}), HasSubstr("edge_quantile"));
   for (const double bad : {-0.1, std::nan(""), std::numeric_limits<double>::infinity()}) {
     EXPECT_THAT(message(Points(), {.slack = bad}), HasSubstr("slack"));
@@ -147,6 +148,11 @@ TEST(LevelsTest, EdgeStayIsAQuantileOfHeldOutStays) {
   EXPECT_NEAR(levels.edge_stay(), (1.0 - std::pow(0.98, 19)) / 0.02, 1e-12);
   levels.SetEdgeStay(std::vector{HeldOutLevels{.levels = {-1.0, -1.0}, .phases = {0, 1}}});
   EXPECT_EQ(levels.edge_stay(), 10.0) << "two steps show too little";
+  // One demonstration is always inside, and one is at the edge for 20 steps.
+  held_out = {{.levels = std::vector(20, 9.0), .phases = std::vector(20, 0)},
+              {.levels = std::vector(20, -1.0), .phases = std::vector(20, 0)}};
+  levels.SetEdgeStay(held_out);
+  EXPECT_NEAR(levels.edge_stay(), 0.9 * (1.0 - std::pow(0.98, 20)) / 0.02, 1e-12);
   EXPECT_THROW(levels.SetEdgeStay({}), std::invalid_argument);
 }
 

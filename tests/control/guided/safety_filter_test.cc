@@ -265,6 +265,46 @@ TEST_F(SafetyFilterTest, AProbeKeepsAnEntryWithFewValues) {
   EXPECT_NEAR(v[0] * task.response.control_unit(), 0.05, 1e-12);
 }
 
+// The learned control ends outside by less than the exit level, and the demonstrated one by more.
+TEST_F(SafetyFilterTest, TheBetterControlPassesWithinTheExitLevel) {
+  z_ = Eigen::Vector2d(0.0, 1.0);
+  estimate_.FitAt(0, core::AsSpan(z_), fit_);
+  SafetyFilter filter(model_, {.iterations = 0, .probe_size = 0.0});
+  Eigen::VectorXd demonstrated(2);
+  ASSERT_TRUE(fit_.NominalControl(demonstrated));
+  ASSERT_LT(Level(demonstrated), -filter.max_exit_level());
+  const Eigen::VectorXd learned =
+      Eigen::Vector2d(test::kSpeed, -0.5) / model_.response.control_unit();
+  ASSERT_LT(Level(learned), 0.0);
+  ASSERT_GT(Level(learned), -filter.max_exit_level());
+  Eigen::VectorXd v = learned;
+  const Choice choice = filter.Filter(fit_, target_, target_.level, v);
+  EXPECT_EQ(choice.mode, Mode::kPolicy);
+  EXPECT_EQ(choice.level, Level(learned));
+  EXPECT_TRUE(v == learned);
+}
+
+// One small control along the unknown entry has had an effect up or down. A probe moves down, as
+// far as this is known.
+TEST_F(SafetyFilterTest, AProbeHasTheSignWithTheHigherPredictedLevel) {
+  auto demonstrations = test::Rightwards();
+  for (core::Trajectory& demonstration : demonstrations) demonstration.controls.col(1).setZero();
+  const test::Task task{test::IdentityFeatures(), support_, demonstrations};
+  const Eigen::VectorXd z = Eigen::Vector2d(0.0, 1.5);
+  const Eigen::VectorXd tried = Eigen::Vector2d(0.0, 0.3);
+  for (const double sign : {1.0, -1.0}) {
+    ResponseEstimate estimate(task.response.prior());
+    LocalFit fit = estimate.FitAt(0, core::AsSpan(z));
+    const Eigen::VectorXd effect = Eigen::Vector2d(0.0, 0.02 * sign);
+    estimate.Update(fit, core::AsSpan(tried), core::AsSpan(effect));
+    estimate.FitAt(0, core::AsSpan(z), fit);
+    Eigen::VectorXd v = Eigen::Vector2d(1.0, 0.0);
+    const Choice choice = SafetyFilter(task, {}).Filter(fit, target_, target_.level, v);
+    ASSERT_EQ(choice.mode, Mode::kProbe);
+    EXPECT_LT(v[1] * sign, -0.3);
+  }
+}
+
 TEST_F(SafetyFilterTest, WithoutTheNominalControlTheLearnedOneIsRaised) {
   Eigen::VectorXd expected = outwards_;
   const double level = AscendSupport(local_, target_, limits_, expected);

@@ -2,7 +2,8 @@
 
 #include <gtest/gtest.h>
 
-#include <Eigen/Core>
+#include <Eigen/Dense>
+#include <limits>
 #include <memory>
 #include <vector>
 
@@ -152,6 +153,57 @@ TEST_F(StateObserverTest, WithoutPredictionsTheStateIsTheObservation) {
     EXPECT_TRUE(test::AllClose(z, seen, 0.0));
     Learn(nullptr, seen, Eigen::Vector2d::Zero(), Eigen::Vector2d(i % 2 == 0 ? -0.6 : 0.6, 0.0));
   }
+  // The effect of this control overflows, so there is no finite prediction.
+  constexpr double kEndless = std::numeric_limits<double>::infinity();
+  Learn(&fit_, Eigen::Vector2d::Zero(), Eigen::Vector2d(kEndless, 0.0), Eigen::Vector2d::Zero());
+  const Eigen::VectorXd seen = Eigen::Vector2d(0.3, 0.1);
+  Eigen::VectorXd z = seen;
+  observer_.Observe(fit_, z);
+  EXPECT_TRUE(z == seen);
+}
+
+// Steps are ten long, and observations err by `noise` with alternating sign.
+TEST_F(StateObserverTest, ErrorsBelowOnePercentOfTheChangesAreNotSmoothed) {
+  estimate_.FitAt(5, std::vector{0.0, 0.0}, fit_);
+  const Eigen::VectorXd v = truth_.inverse() * Eigen::Vector2d(8.0, 6.0);
+  const Eigen::Vector2d change = fit_.jacobian() * v;
+  for (const double noise : {0.02, 0.5}) {
+    observer_.Reset();
+    Eigen::VectorXd last = Eigen::Vector2d::Zero();
+    Eigen::VectorXd z = last;
+    observer_.Observe(fit_, z);
+    for (int i = 1; i < 30; ++i) {
+      const Eigen::VectorXd seen = i * change + Eigen::Vector2d(i % 2 == 0 ? noise : -noise, 0.0);
+      const Eigen::VectorXd dz = seen - last;
+      observer_.Update(&fit_, core::AsSpan(v), core::AsSpan(dz));
+      z = seen;
+      observer_.Observe(fit_, z);
+      last = seen;
+      if (i > 10) {
+        EXPECT_EQ(z == seen, noise < 0.1) << i;
+      }
+    }
+  }
+}
+
+// Reset() leaves the state of a new observer, to the last bit.
+TEST_F(StateObserverTest, ResetRemovesTheLastEpisode) {
+  estimate_.FitAt(5, std::vector{0.0, 0.0}, fit_);
+  const auto episode = [&] {
+    core::Random random(5);
+    Eigen::MatrixXd seen = test::RandomMatrix(random, 2, 10);
+    for (auto z : seen.colwise()) {
+      observer_.Observe(fit_, z);
+      const Eigen::VectorXd v = test::RandomMatrix(random, 2, 1);
+      const Eigen::VectorXd dz = test::RandomMatrix(random, 2, 1);
+      observer_.Update(&fit_, core::AsSpan(v), core::AsSpan(dz));
+    }
+    return seen;
+  };
+  const Eigen::MatrixXd first = episode();
+  EXPECT_FALSE(episode() == first) << "an observer remembers";
+  observer_.Reset();
+  EXPECT_TRUE(episode() == first);
 }
 
 }  // namespace
