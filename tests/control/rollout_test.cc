@@ -69,6 +69,33 @@ TEST_F(RolloutTest, CountsRecoveriesAndTheirControls) {
   EXPECT_EQ(result.controls(), plant.applied);
 }
 
+// Gives steps of three kinds in turn: a control that passes, a changed one, and one of a recovery.
+class Changing final : public Controller {
+ public:
+  int state_dim() const noexcept override { return 2; }
+  int control_dim() const noexcept override { return 2; }
+
+ private:
+  void DoReset(std::uint64_t) noexcept override { count_ = 0; }
+  Step DoNext(std::span<const double>, std::span<double>) noexcept override {
+    const Step steps[] = {{.mode = Mode::kPolicy},
+                          {.mode = Mode::kPolicy, .filtered = true, .change = 0.5},
+                          {.mode = Mode::kRecovery, .change = 2.0}};
+    return steps[count_++ % 3];
+  }
+  int count_ = 0;
+};
+
+TEST_F(RolloutTest, SumsTheMeasuredChangesOfControls) {
+  PointPlant plant({});
+  Changing controller;
+  const RolloutResult result = Rollout(plant, controller, {.max_controls = 8});
+  EXPECT_EQ(result.changed_steps, 3);
+  EXPECT_EQ(result.changed_controls(), 5);
+  EXPECT_EQ(result.sized_changes, 5);
+  EXPECT_EQ(result.change, 3 * 0.5 + 2 * 2.0);
+}
+
 struct Ending {
   const char* what;
   test::PointPlantOptions plant;

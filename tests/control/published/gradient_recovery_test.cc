@@ -98,6 +98,24 @@ TEST_F(GradientRecoveryTest, LearnsFromItsOwnControls) {
   EXPECT_NEAR(off(second), 0.9, 0.02);
 }
 
+// The first control ends outside the gate, at the limit, and has its predicted effect. The
+// measurement then changes nothing.
+TEST_F(GradientRecoveryTest, AConfirmedResponseStaysAsItWas) {
+  GradientRecovery recovery(model, 0.2);
+  GradientRecovery fresh(model, 0.2);
+  recovery.Reset(1);
+  fresh.Reset(1);
+  ASSERT_EQ(recovery.Next({.x = kStart, .g = 0.06, .lambda = 5.0}, u), Mode::kRecovery);
+  test::TurnedPoint plant{.x = kStart};
+  plant.Apply(u);
+  std::vector<double> expected(2);
+  ASSERT_EQ(recovery.Next({.iteration = 1, .x = plant.x, .g = 0.06, .lambda = 5.0}, u),
+            Mode::kRecovery);
+  ASSERT_EQ(fresh.Next({.x = plant.x, .g = 0.06, .lambda = 5.0}, expected), Mode::kRecovery);
+  ASSERT_LT(std::abs(expected[1]), 0.19) << "within the limit";
+  for (std::size_t k = 0; k < 2; ++k) EXPECT_NEAR(u[k], expected[k], 2e-3);
+}
+
 TEST_F(GradientRecoveryTest, HasNoDirectionIfControlsHaveNoEffect) {
   auto demonstrations = test::Rightwards();
   for (auto& d : demonstrations) d.states.setZero();

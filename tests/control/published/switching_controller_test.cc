@@ -337,6 +337,7 @@ TEST(SwitchingControllerTest, ErrorsNameTheOption) {
   EXPECT_THAT(message(ball, {1}, {.max_iterations = 0}), HasSubstr("max_iterations"));
   EXPECT_THAT(message(ball, {1}, {.dfr = {.probe_fraction = 1.0}}), HasSubstr("probe_fraction"));
   EXPECT_THAT(message(ball, {1}, {.dfr = {.step_fraction = 0.0}}), HasSubstr("step_fraction"));
+  EXPECT_THAT(message(ball, {1}, {.dfr = {.step_fraction = 1.0}}), HasSubstr("step_fraction"));
   EXPECT_THAT(test::MessageOf<std::invalid_argument>([&] {
                 SwitchingController(policy, ball, std::vector{1.0},
                                     std::unique_ptr<RecoveryStrategy>());
