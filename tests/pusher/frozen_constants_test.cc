@@ -88,6 +88,8 @@ std::map<std::string, double> InTheCode() {
           {"guided::kLeastHedged", control::guided::kLeastHedged},
           {"guided::kAgreementStride", control::guided::kAgreementStride},
           {"guided::kIdle", control::guided::kIdle},
+          {"guided::kIdleAtRest", control::guided::kIdleAtRest},
+          {"guided::kRestDrift", control::guided::kRestDrift},
           {"guided::kUnknown", control::guided::kUnknown},
           {"guided::kMaxExitLevel", control::guided::kMaxExitLevel},
           {"StateObserver::kMaxLag", control::StateObserver::kMaxLag},

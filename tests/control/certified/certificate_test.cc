@@ -97,6 +97,8 @@ TEST(LargestShareTest, IsZeroOutsideAndOneTowardsTheCentre) {
   EXPECT_NEAR(LargestShare({0.5, 0.5}, shift, std::vector{1.2, 0.0}, 0.0), 1.0 / 1.2, 2e-9);
   // The control leads outwards from the boundary.
   EXPECT_EQ(LargestShare({0.5, 0.5}, shift, std::vector{-1.0, 0.0}, 0.0), 0.0);
+  // The control leads along the boundary.
+  EXPECT_EQ(LargestShare({0.5, 0.5}, shift, std::vector{0.0, 1.0}, 0.0), 0.0);
 }
 
 }  // namespace

@@ -316,28 +316,42 @@ TEST_F(SafetyFilterTest, WithoutTheNominalControlTheLearnedOneIsRaised) {
   EXPECT_TRUE(v == expected);
 }
 
-// Far outside, where no control ends inside, the learned control passes if its change would be
-// small and gain no more than the margin.
-TEST_F(SafetyFilterTest, AnIdleChangeIsSkippedIfNoControlEndsInside) {
-  z_ = Eigen::Vector2d(0.0, 1.5);
-  estimate_.FitAt(0, core::AsSpan(z_), fit_);
-  const GuidedOptions options{.iterations = 0, .probe_size = 0.0};
-  Eigen::VectorXd changed(2);
-  ASSERT_TRUE(fit_.NominalControl(changed));
-  const double level = Level(changed);
-  ASSERT_LT(level, 0.0);
-  for (const double difference : {0.4, 0.6}) {
-    const Eigen::VectorXd learned = changed + Eigen::VectorXd(Eigen::Vector2d(0.0, difference));
-    const double cost = level - Level(learned);
-    ASSERT_GT(cost, 0.0);
-    for (const double margin : {0.999 * cost, 1.001 * cost}) {
-      Eigen::VectorXd v = learned;
-      const Choice choice = SafetyFilter(model_, options).Filter(fit_, {1, 10.0}, 10.0 - margin, v);
-      const bool passes = difference < 0.5 && margin > cost;
-      EXPECT_EQ(choice.mode, passes ? Mode::kPolicy : Mode::kRecovery) << difference;
-      EXPECT_TRUE(v == (passes ? learned : changed)) << difference << " " << margin;
-      EXPECT_EQ(choice.level, passes ? Level(learned) : level);
-      EXPECT_EQ(choice.learned, Level(learned));
+// Far outside, where no control passes, the learned control passes if its change would gain no more
+// than the margin and be small: smaller in a world that moves by itself than in one that rests.
+TEST_F(SafetyFilterTest, AnIdleChangeIsSkippedIfNoControlPasses) {
+  for (const bool rests : {true, false}) {
+    auto demonstrations = test::Rightwards();
+    for (std::size_t d = 0; d < demonstrations.size(); ++d) {
+      const double speed = test::kSpeed * (0.07 * static_cast<double>(d) - 1.0);
+      for (int t = 0; t <= test::kSteps; ++t) {
+        if (t < test::kSteps) demonstrations[d].controls(t, 0) = speed;
+        demonstrations[d].states(t, 0) = speed * t;
+        if (!rests) demonstrations[d].states(t, 1) += test::kSpeed * t;
+      }
+    }
+    const test::Task task{test::IdentityFeatures(), support_, demonstrations};
+    z_ = Eigen::Vector2d(0.0, 1.5);
+    LocalFit fit = ResponseEstimate(task.response.prior(), {}, true).FitAt(0, core::AsSpan(z_));
+    const LocalModel local{support_, fit};
+    const GuidedOptions options{.iterations = 0, .probe_size = 0.0};
+    Eigen::VectorXd changed(2);
+    ASSERT_TRUE(fit.NominalControl(changed));
+    const double level = local.Level(1, changed);
+    ASSERT_LT(level, 0.0);
+    const double most = rests ? guided::kIdleAtRest : guided::kIdle;
+    for (const double difference : {most - 0.1, most + 0.1}) {
+      const Eigen::VectorXd learned = changed + Eigen::VectorXd(Eigen::Vector2d(0.0, difference));
+      const double cost = level - local.Level(1, learned);
+      ASSERT_GT(cost, 0.0);
+      for (const double margin : {0.999 * cost, 1.001 * cost}) {
+        Eigen::VectorXd v = learned;
+        const Choice choice = SafetyFilter(task, options).Filter(fit, {1, 10.0}, 10.0 - margin, v);
+        const bool passes = difference < most && margin > cost;
+        EXPECT_EQ(choice.mode, passes ? Mode::kPolicy : Mode::kRecovery) << rests << difference;
+        EXPECT_TRUE(v == (passes ? learned : changed)) << difference << " " << margin;
+        EXPECT_EQ(choice.level, local.Level(1, passes ? learned : changed));
+        EXPECT_EQ(choice.learned, local.Level(1, learned));
+      }
     }
   }
 }

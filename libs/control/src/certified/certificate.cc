@@ -39,7 +39,7 @@ double LargestShare(const SafeBall& ball, std::span<const double> shift, std::sp
   const double discriminant = q * q - p * r;
   if (discriminant >= 0.0) {
     const double root = std::sqrt(discriminant);
-    if (q > 0.0 && p > 0.0) {
+    if (q >= 0.0 && p > 0.0) {
       share = std::min(share, (root + q) / p);
     } else if (root > q) {
       share = std::min(share, -r / (root - q));

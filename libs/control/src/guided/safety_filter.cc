@@ -45,7 +45,7 @@ SafetyFilter::Choice SafetyFilter::Filter(LocalFit& fit, const StepTarget& targe
     learned_ = v;
     choice = Correct(fit, model, target, v);
     choice.learned = learned;
-    if (Idle(choice, target.level - pass_level, v)) {
+    if (Idle(fit, choice, {pass_level, target.level}, v)) {
       v = learned_;
       return {Mode::kPolicy, learned, learned};
     }
@@ -54,12 +54,19 @@ SafetyFilter::Choice SafetyFilter::Filter(LocalFit& fit, const StepTarget& targe
   return choice;
 }
 
-// Returns true if a change is not worth making: the changed control would still end outside, gains
-// at most `margin`, and differs little from the learned control.
-bool SafetyFilter::Idle(const Choice& choice, double margin,
+// Returns true if a change is not worth making: the changed control would still not pass, gains at
+// most the distance from pass level to gate, and differs little from the learned control.
+bool SafetyFilter::Idle(const LocalFit& fit, const Choice& choice, const Gate& gate,
                         const Eigen::VectorXd& v) const noexcept {
-  return choice.level < 0.0 && margin > 0.0 && choice.learned >= choice.level - margin &&
-         (v - learned_).squaredNorm() <= guided::kIdle * guided::kIdle;
+  const double margin = gate.level - gate.pass_level;
+  if (!(choice.level < gate.pass_level && margin > 0.0 &&
+        choice.learned >= choice.level - margin)) {
+    return false;
+  }
+  const double effect = fit.jacobian().squaredNorm() / static_cast<double>(v.size());
+  const bool rests = fit.drift().squaredNorm() <= guided::kRestDrift * guided::kRestDrift * effect;
+  const double most = rests ? guided::kIdleAtRest : guided::kIdle;
+  return (v - learned_).squaredNorm() <= most * most;
 }
 
 // AscendSupport() extrapolates J. An entry moves less if demonstrations disagree on its effect.

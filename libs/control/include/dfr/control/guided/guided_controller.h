@@ -65,6 +65,8 @@ class GuidedController final : public Controller {
   void AppliedAsChosen() noexcept;
 
   void SetContext(std::span<const double> context) noexcept override { fit_.SetContext(context); }
+  /// Returns J of the last Next() that computed one, in features per Response::control_unit().
+  [[nodiscard]] const Eigen::MatrixXd& jacobian() const noexcept { return fit_.jacobian(); }
 
  private:
   void DoReset(std::uint64_t seed) noexcept override;
