@@ -317,9 +317,11 @@ TEST_F(SafetyFilterTest, WithoutTheNominalControlTheLearnedOneIsRaised) {
 }
 
 // Far outside, where no control passes, the learned control passes if its change would gain no more
-// than the margin and be small: smaller in a world that moves by itself than in one that rests.
+// than the margin and be small: smaller in a world that moves by itself, or has a model of a
+// disturbance, than in one that rests.
 TEST_F(SafetyFilterTest, AnIdleChangeIsSkippedIfNoControlPasses) {
-  for (const bool rests : {true, false}) {
+  for (const auto& [rests, disturbed] :
+       {std::pair(true, false), std::pair(false, false), std::pair(true, true)}) {
     auto demonstrations = test::Rightwards();
     for (std::size_t d = 0; d < demonstrations.size(); ++d) {
       const double speed = test::kSpeed * (0.07 * static_cast<double>(d) - 1.0);
@@ -333,12 +335,13 @@ TEST_F(SafetyFilterTest, AnIdleChangeIsSkippedIfNoControlPasses) {
     z_ = Eigen::Vector2d(0.0, 1.5);
     LocalFit fit = ResponseEstimate(task.response.prior(), {}, true).FitAt(0, core::AsSpan(z_));
     const LocalModel local{support_, fit};
-    const GuidedOptions options{.iterations = 0, .probe_size = 0.0};
+    GuidedOptions options{.iterations = 0, .probe_size = 0.0};
+    if (disturbed) options.disturbance_model = {.base = 0.5, .per_control = 1.0};
     Eigen::VectorXd changed(2);
     ASSERT_TRUE(fit.NominalControl(changed));
     const double level = local.Level(1, changed);
     ASSERT_LT(level, 0.0);
-    const double most = rests ? guided::kIdleAtRest : guided::kIdle;
+    const double most = rests && !disturbed ? guided::kIdleAtRest : guided::kIdle;
     for (const double difference : {most - 0.1, most + 0.1}) {
       const Eigen::VectorXd learned = changed + Eigen::VectorXd(Eigen::Vector2d(0.0, difference));
       const double cost = level - local.Level(1, learned);
@@ -353,6 +356,25 @@ TEST_F(SafetyFilterTest, AnIdleChangeIsSkippedIfNoControlPasses) {
         EXPECT_EQ(choice.learned, local.Level(1, learned));
       }
     }
+  }
+}
+
+// The correction ends inside, but below the pass level.
+TEST_F(SafetyFilterTest, AnIdleChangeIsMadeIfItLeadsBackInside) {
+  z_ = Eigen::Vector2d(0.0, 0.38);
+  estimate_.FitAt(0, core::AsSpan(z_), fit_);
+  Eigen::VectorXd changed(2);
+  ASSERT_TRUE(fit_.NominalControl(changed));
+  ASSERT_GT(Level(changed), 0.0);
+  for (const double difference : {0.2, 1.4}) {
+    const Eigen::VectorXd learned = changed + Eigen::VectorXd(Eigen::Vector2d(0.0, difference));
+    const bool inside = Level(learned) >= 0.0;
+    EXPECT_EQ(inside, difference == 0.2);
+    Eigen::VectorXd v = learned;
+    SafetyFilter filter(model_, {.iterations = 0, .probe_size = 0.0});
+    const Choice choice = filter.Filter(fit_, {1, 10.0}, 9.0, v);
+    EXPECT_EQ(choice.mode, inside ? Mode::kPolicy : Mode::kRecovery);
+    EXPECT_TRUE(v == (inside ? learned : changed)) << difference;
   }
 }
 

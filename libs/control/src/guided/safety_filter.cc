@@ -55,7 +55,8 @@ SafetyFilter::Choice SafetyFilter::Filter(LocalFit& fit, const StepTarget& targe
 }
 
 // Returns true if a change is not worth making: the changed control would still not pass, gains at
-// most the distance from pass level to gate, and differs little from the learned control.
+// most the distance from pass level to gate, and differs little from the learned control. A control
+// that would leave the support is changed if the changed one stays inside.
 bool SafetyFilter::Idle(const LocalFit& fit, const Choice& choice, const Gate& gate,
                         const Eigen::VectorXd& v) const noexcept {
   const double margin = gate.level - gate.pass_level;
@@ -63,8 +64,10 @@ bool SafetyFilter::Idle(const LocalFit& fit, const Choice& choice, const Gate& g
         choice.learned >= choice.level - margin)) {
     return false;
   }
+  if (choice.level >= 0.0 && choice.learned < 0.0) return false;
   const double effect = fit.jacobian().squaredNorm() / static_cast<double>(v.size());
-  const bool rests = fit.drift().squaredNorm() <= guided::kRestDrift * guided::kRestDrift * effect;
+  const bool rests =
+      !disturbed_ && fit.drift().squaredNorm() <= guided::kRestDrift * guided::kRestDrift * effect;
   const double most = rests ? guided::kIdleAtRest : guided::kIdle;
   return (v - learned_).squaredNorm() <= most * most;
 }

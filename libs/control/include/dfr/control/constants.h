@@ -76,7 +76,8 @@ inline constexpr int kMostRelocations = 2;
 /// SafetyFilter: a change of the learned control is skipped if its norm is at most this multiple of
 /// an ordinary control, it gains little, and the changed control would still not pass. The second
 /// limit applies where a drift of the features of at most kRestDrift times the root mean square
-/// effect of an ordinary control on an entry shows that the world rests: waiting costs nothing.
+/// effect of an ordinary control on an entry, and no model of a disturbance, show that the world
+/// rests: waiting costs nothing.
 inline constexpr double kIdle = 0.5;
 inline constexpr double kIdleAtRest = 1.5;
 inline constexpr double kRestDrift = 0.3;

@@ -30,8 +30,8 @@ class SafetyFilter {
   /// predicted level in the next phase is at least `pass_level`, or if its level in the present
   /// phase is at least `stay_level` and higher than in the next phase. `v` is also unchanged if the
   /// corrected control would still end below `pass_level`, differs by at most guided::kIdle (in a
-  /// world at rest kIdleAtRest) and gains no more than target.level - pass_level. kRecovery: `v`
-  /// does not come from the learned control. kProbe: `v` is a probe.
+  /// world at rest kIdleAtRest), gains no more than target.level - pass_level, and does not lead
+  /// back inside. kRecovery: `v` does not come from the learned control. kProbe: `v` is a probe.
   [[nodiscard]] Choice Filter(LocalFit& fit, const StepTarget& target, double pass_level,
                               Eigen::VectorXd& v,
                               double stay_level = std::numeric_limits<double>::infinity()) noexcept;
