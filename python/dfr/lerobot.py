@@ -239,8 +239,9 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
         turns = np.zeros_like(present)
         if wish.shape == present.shape:
             wish = wish - present
-            turns[self._angles] = self._periods * np.round(wish[self._angles] / self._periods)
-            wish = wish - turns
+            with np.errstate(invalid="ignore"):  # The guard halts at an infinite target.
+                turns[self._angles] = self._periods * np.round(wish[self._angles] / self._periods)
+                wish = wish - turns
         safe, info = self.guard.filter(self._t, state, wish)
         self._t += 1
         self._chunk += taken

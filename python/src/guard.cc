@@ -284,7 +284,7 @@ layout : list of (str, int or (int, int, int))
 features : str
     Features of a state; empty for all entries.
 periods : ndarray of shape (state_dim,)
-    Period of each entry of a state that is an angle with jumps among the requested features; 0 for others.
+    Period of each entry of a state that is an angle with jumps; 0 for others.
 settings : dict
     strategy, horizon, max_actions, action_limit, alarm_level, direction_error, demonstrated (True if nearby
     demonstrated actions may replace an action); `with_settings` changes them.

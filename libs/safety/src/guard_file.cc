@@ -113,6 +113,7 @@ void GuardModel::Save(const std::filesystem::path& path) const {
     archive.Numbers(core::AsSpan(scale));
   }
   Write(archive, sensor_groups_);
+  archive.Numbers(periods_);
   archive.Text(Name(settings_.strategy));
   archive.Integer(settings_.horizon);
   archive.Integer(settings_.max_actions);
@@ -201,6 +202,12 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
     }
     std::vector<SensorGroup> groups =
         ReadGroups(archive, reduction ? reduction->state_dim() : layout.state_dim());
+    std::vector<double> periods = archive.Numbers();
+    if (std::ssize(periods) != (reduction ? reduction->state_dim() : layout.state_dim()) ||
+        !core::AllFinite(periods) ||
+        std::ranges::any_of(periods, [](double period) { return period < 0.0; })) {
+      archive.Fail("holds periods of angles that do not fit its states");
+    }
     GuardSettings settings;
     settings.strategy = ParseStrategy(archive.Text());
     settings.horizon = archive.IntegerIn(1, kMostCount);
@@ -256,6 +263,7 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
     model->constant_entries_ = std::move(constant_entries);
     model->constants_ = std::move(constants);
     model->sensor_groups_ = std::move(groups);
+    model->periods_ = std::move(periods);
     return model;
   } catch (const std::invalid_argument& e) {
     archive.Fail(e.what());

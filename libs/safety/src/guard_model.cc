@@ -145,7 +145,10 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
       reduction::StateReduction::Requests(options.features).empty()
           ? FitStates(layout, demonstrations, options, true)
           : FitReduced(layout, demonstrations, options);
-  if (model) model->sensor_groups_ = internal::FitSensorGroups(*model, demonstrations);
+  if (model) {
+    model->sensor_groups_ = internal::FitSensorGroups(*model, demonstrations);
+    model->periods_ = model->FindPeriods(layout, demonstrations);
+  }
   return model;
 }
 
@@ -385,6 +388,7 @@ std::shared_ptr<const GuardModel> GuardModel::With(const GuardSettings& settings
   model->constants_ = constants_;
   model->context_ = context_;
   model->sensor_groups_ = sensor_groups_;
+  model->periods_ = periods_;
   return model;
 }
 

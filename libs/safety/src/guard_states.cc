@@ -4,6 +4,7 @@
 #include <optional>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/features/rotations.h"
 #include "dfr/safety/constants.h"
 #include "dfr/safety/guard_model.h"
 #include "fit/left_out.h"
@@ -38,8 +39,16 @@ int GuardModel::FindImmeasurableAngle(std::span<const double> task_state) const 
   return found;
 }
 
-std::vector<double> GuardModel::Periods() const {
+std::vector<double> GuardModel::FindPeriods(
+    const core::StateLayout& recorded, std::span<const core::Trajectory> demonstrations) const {
   std::vector<double> periods(static_cast<std::size_t>(state_dim()), 0.0);
+  if (std::ranges::none_of(recorded.blocks, [](const auto& b) { return b.picture.height > 0; })) {
+    for (const core::Rotation& r : core::FindRotations(recorded, demonstrations)) {
+      if (r.kind == core::Rotation::Kind::kAngle) {
+        periods[static_cast<std::size_t>(r.first)] = r.period;
+      }
+    }
+  }
   EachAngle([&](int entry, double period) {
     const auto& own = *std::ranges::find_if(
         layout_.blocks, [&](const auto& b) { return entry < b.offset + b.size; });

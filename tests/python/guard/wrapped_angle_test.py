@@ -1,6 +1,8 @@
 """Targets of an angle that jumps: increments in the fit and in dfr.lerobot.GuardStep take the short way."""
 
+import pickle
 import unittest
+import warnings
 
 import numpy as np
 
@@ -27,15 +29,33 @@ class WrappedAngleTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         cls.states, cls.actions = wrapped_targets(20)
-        cls.guard = dfr.Guard.fit(cls.states, cls.actions, layout={"x": 1, "yaw": 1}, differences=True)
+        cls.guards = [
+            dfr.Guard.fit(cls.states, cls.actions, layout={"x": 1, "yaw": 1}, differences=True, features=features)
+            for features in ("", "x")  # The angle may be no feature.
+        ]
 
     def test_increments_of_a_wrapped_angle_stay_small(self):
-        np.testing.assert_array_equal(self.guard.periods, [0.0, 2 * np.pi])
-        self.assertLess(self.guard.settings["action_limit"][1], 0.3)
-        self.assertEqual(self.guard.summary["warnings"], [])
+        for guard in self.guards:
+            np.testing.assert_array_equal(guard.periods, [0.0, 2 * np.pi])
+            np.testing.assert_array_equal(pickle.loads(pickle.dumps(guard)).periods, guard.periods)
+            self.assertLess(guard.settings["action_limit"][1], 0.3)
+            self.assertEqual(guard.summary["warnings"], [])
 
     def test_a_target_beyond_the_end_of_a_period_is_near(self):
-        step = GuardStep(self.guard.with_settings(strategy="monitor"), positions=[0, 1])
+        for guard in self.guards:
+            with self.subTest(features=guard.features):
+                self.expect_near_targets(guard)
+
+    def test_an_infinite_target_halts_without_a_warning(self):
+        step = GuardStep(self.guards[0], positions=[0, 1])
+        step.reset()
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            after = step({"observation": {"x": [0.0], "yaw": [2.6]}, "action": [0.1, np.inf]})
+        self.assertEqual(after["info"]["guard"]["mode"], "halt")
+
+    def expect_near_targets(self, guard):
+        step = GuardStep(guard.with_settings(strategy="monitor"), positions=[0, 1])
         step.reset()
         jumps = 0
         for x, target in zip(self.states[0], self.actions[0]):

@@ -251,9 +251,9 @@ class GuardModel {
   /// Returns the first entry of a finite state of task() that is an angle with jumps and more than
   /// 1e6 periods from zero, as no robot reports it; -1 if there is none. Real-time safe.
   [[nodiscard]] int FindImmeasurableAngle(std::span<const double> task_state) const noexcept;
-  /// Returns the period of each entry of a state of layout() that is an angle with jumps among the
-  /// requested features; 0 for other entries.
-  [[nodiscard]] std::vector<double> Periods() const;
+  /// Returns the period of each entry of a state of layout() that is an angle with jumps; 0 for
+  /// other entries. If the state has pictures, only the requested features are known.
+  [[nodiscard]] const std::vector<double>& Periods() const noexcept { return periods_; }
   /// Returns the map from a state of task() to the context of demonstrated controls: entries that
   /// only the unsteered entries of an action move. Null: none.
   [[nodiscard]] const core::FeatureTransform* context() const noexcept {
@@ -282,6 +282,9 @@ class GuardModel {
 
  private:
   GuardModel() = default;
+  /// Returns Periods() of a fit. `recorded` is the layout of `demonstrations`.
+  [[nodiscard]] std::vector<double> FindPeriods(
+      const core::StateLayout& recorded, std::span<const core::Trajectory> demonstrations) const;
   /// Calls visit(entry, period) for each angle with jumps in states of task().
   template <typename Visit>
   void EachAngle(const Visit& visit) const;
@@ -309,6 +312,7 @@ class GuardModel {
   std::vector<double> constants_;                           // Values of constant_entries_.
   std::optional<core::FeatureTransform> context_;
   std::vector<SensorGroup> sensor_groups_;
+  std::vector<double> periods_;
 };
 
 }  // namespace dfr::safety
