@@ -355,10 +355,12 @@ OneClassSvm LoadLibsvmModel(std::istream& in, const std::string& name) {
 }
 
 core::Matrix LoadSamples(const std::filesystem::path& path, int state_dim) {
-  std::ifstream first = Open(path);
-  CheckFitsMemory(path);
-  const bool sparse = IsSparse(first, path.string());
   std::ifstream in = Open(path);
+  CheckFitsMemory(path);
+  const bool sparse = IsSparse(in, path.string());
+  in.clear();
+  in.seekg(0);
+  if (!in) throw std::runtime_error(path.string() + ": must be a regular file, not a pipe");
   LineReader reader(in, path.string());
   if (!reader.Next()) reader.Fail("the file is empty");
   return sparse ? LoadSparse(reader, state_dim) : LoadCommas(reader, state_dim);

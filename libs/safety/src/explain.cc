@@ -247,8 +247,8 @@ std::string WhyNot(const GuardModel& model, const Verdict& verdict, std::span<co
     const Certification found = model.Certify(verdict.step, state, action);
     if (found.passes) {
       return core::Format(
-          "the policy's action ends without an alarm, but is not predicted to end "
-          "deep inside, from l = %.3g on",
+          "the policy's action would raise no alarm, but is not predicted to reach l = %.3g, from "
+          "which on it passes unchanged",
           verdict.pass_level);
     }
     return core::Format(

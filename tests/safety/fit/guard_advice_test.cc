@@ -318,7 +318,6 @@ TEST(GuardAdviceTest, AClockIsFoundInAnyUnitAndAConstantIsNoClock) {
   EXPECT_THAT(FitWarnings(*tip, longer), testing::Not(testing::Contains(HasSubstr(kClock))));
 }
 
-// Warnings judge every third transition. In one order these would be the contradictory ones.
 // An object settles while the robot pauses.
 TEST(GuardAdviceTest, MotionUnderAZeroActionIsNamedForACertificate) {
   for (const double drift : {0.0, 0.01}) {
@@ -341,6 +340,7 @@ TEST(GuardAdviceTest, MotionUnderAZeroActionIsNamedForACertificate) {
   }
 }
 
+// Warnings judge every third transition. In one order these would be the contradictory ones.
 TEST(GuardAdviceTest, WarningsDoNotDependOnTheOrderOfDemonstrations) {
   const auto model = GoodModel();
   auto demonstrations = test::CorridorDemonstrations(1, 60);

@@ -9,7 +9,7 @@ namespace dfr::kinematics {
 /// Displacement of the platform's top plate from home: translation in m, then roll, pitch and yaw
 /// in rad, with the rotation Rz(yaw) Ry(pitch) Rx(roll), right-handed. The firmware uses the
 /// opposite sign for yaw and pitch; drivers must negate them. It also combines several angles
-/// differently: with a yaw of 15 and a roll of 6 degrees its plate is 2.2 mm off at the joints.
+/// differently: with a yaw of 15 and a roll of 6 degrees its plate is 2.1 mm off at the joints.
 struct PlatformPose {
   Eigen::Vector3d translation_m = Eigen::Vector3d::Zero();
   Eigen::Vector3d angles_rad = Eigen::Vector3d::Zero();
