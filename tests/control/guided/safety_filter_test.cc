@@ -343,7 +343,8 @@ TEST_F(SafetyFilterTest, AnIdleChangeIsSkippedIfNoControlPasses) {
     ASSERT_LT(level, 0.0);
     const double most = rests && !disturbed ? guided::kIdleAtRest : guided::kIdle;
     for (const double difference : {most - 0.1, most + 0.1}) {
-      const Eigen::VectorXd learned = changed + Eigen::VectorXd(Eigen::Vector2d(0.0, difference));
+      // Sideways, the level stays above the present one.
+      const Eigen::VectorXd learned = changed - Eigen::VectorXd(Eigen::Vector2d(difference, 0.0));
       const double cost = level - local.Level(1, learned);
       ASSERT_GT(cost, 0.0);
       for (const double margin : {0.999 * cost, 1.001 * cost}) {
@@ -357,6 +358,15 @@ TEST_F(SafetyFilterTest, AnIdleChangeIsSkippedIfNoControlPasses) {
       }
     }
   }
+  // A larger change is made if the learned control lowers the level.
+  z_ = Eigen::Vector2d(0.0, 1.5);
+  estimate_.FitAt(0, core::AsSpan(z_), fit_);
+  Eigen::VectorXd changed(2);
+  ASSERT_TRUE(fit_.NominalControl(changed));
+  Eigen::VectorXd v = changed + Eigen::VectorXd(Eigen::Vector2d(0.0, 1.4));
+  SafetyFilter filter(model_, {.iterations = 0, .probe_size = 0.0});
+  EXPECT_EQ(filter.Filter(fit_, {1, 10.0}, 5.0, v).mode, Mode::kRecovery);
+  EXPECT_TRUE(v == changed);
 }
 
 // The correction ends inside, but below the pass level.

@@ -45,7 +45,7 @@ SafetyFilter::Choice SafetyFilter::Filter(LocalFit& fit, const StepTarget& targe
     learned_ = v;
     choice = Correct(fit, model, target, v);
     choice.learned = learned;
-    if (Idle(fit, choice, {pass_level, target.level}, v)) {
+    if (Idle(fit, choice, target, pass_level, v)) {
       v = learned_;
       return {Mode::kPolicy, learned, learned};
     }
@@ -57,19 +57,19 @@ SafetyFilter::Choice SafetyFilter::Filter(LocalFit& fit, const StepTarget& targe
 // Returns true if a change is not worth making: the changed control would still not pass, gains at
 // most the distance from pass level to gate, and differs little from the learned control. A control
 // that would leave the support is changed if the changed one stays inside.
-bool SafetyFilter::Idle(const LocalFit& fit, const Choice& choice, const Gate& gate,
-                        const Eigen::VectorXd& v) const noexcept {
-  const double margin = gate.level - gate.pass_level;
-  if (!(choice.level < gate.pass_level && margin > 0.0 &&
-        choice.learned >= choice.level - margin)) {
+bool SafetyFilter::Idle(const LocalFit& fit, const Choice& choice, const StepTarget& target,
+                        double pass_level, const Eigen::VectorXd& v) const noexcept {
+  const double margin = target.level - pass_level;
+  if (!(choice.level < pass_level && margin > 0.0 && choice.learned >= choice.level - margin)) {
     return false;
   }
   if (choice.level >= 0.0 && choice.learned < 0.0) return false;
+  const double change = (v - learned_).squaredNorm();
+  if (change <= guided::kIdle * guided::kIdle) return true;
+  if (disturbed_ || change > guided::kIdleAtRest * guided::kIdleAtRest) return false;
   const double effect = fit.jacobian().squaredNorm() / static_cast<double>(v.size());
-  const bool rests =
-      !disturbed_ && fit.drift().squaredNorm() <= guided::kRestDrift * guided::kRestDrift * effect;
-  const double most = rests ? guided::kIdleAtRest : guided::kIdle;
-  return (v - learned_).squaredNorm() <= most * most;
+  const bool rests = fit.drift().squaredNorm() <= guided::kRestDrift * guided::kRestDrift * effect;
+  return rests && choice.learned >= task_.support().LogDecision(target.phase - 1, fit.z(), {});
 }
 
 // AscendSupport() extrapolates J. An entry moves less if demonstrations disagree on its effect.

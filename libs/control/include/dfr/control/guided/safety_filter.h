@@ -30,8 +30,9 @@ class SafetyFilter {
   /// predicted level in the next phase is at least `pass_level`, or if its level in the present
   /// phase is at least `stay_level` and higher than in the next phase. `v` is also unchanged if the
   /// corrected control would still end below `pass_level`, differs by at most guided::kIdle (in a
-  /// world at rest kIdleAtRest), gains no more than target.level - pass_level, and does not lead
-  /// back inside. kRecovery: `v` does not come from the learned control. kProbe: `v` is a probe.
+  /// world at rest, if `v` does not lower the level, kIdleAtRest), gains no more than target.level
+  /// - pass_level, and does not lead back inside. kRecovery: `v` does not come from the learned
+  /// control. kProbe: `v` is a probe.
   [[nodiscard]] Choice Filter(LocalFit& fit, const StepTarget& target, double pass_level,
                               Eigen::VectorXd& v,
                               double stay_level = std::numeric_limits<double>::infinity()) noexcept;
@@ -48,12 +49,8 @@ class SafetyFilter {
                Eigen::VectorXd& v) noexcept;
   [[nodiscard]] Choice Correct(LocalFit& fit, const LocalModel& model, const StepTarget& target,
                                Eigen::VectorXd& v) noexcept;
-  struct Gate {
-    double pass_level;  ///< From this level on, the learned control passes.
-    double level;       ///< Levels::gate().
-  };
-  [[nodiscard]] bool Idle(const LocalFit& fit, const Choice& choice, const Gate& gate,
-                          const Eigen::VectorXd& v) const noexcept;
+  [[nodiscard]] bool Idle(const LocalFit& fit, const Choice& choice, const StepTarget& target,
+                          double pass_level, const Eigen::VectorXd& v) const noexcept;
   [[nodiscard]] bool Probe(LocalFit& fit, const LocalModel& model, const StepTarget& target,
                            Eigen::VectorXd& v, double& level) noexcept;
 
