@@ -56,7 +56,9 @@ SafetyFilter::Choice SafetyFilter::Filter(LocalFit& fit, const StepTarget& targe
 
 // Returns true if a change is not worth making: the changed control would still not pass, gains at
 // most the distance from pass level to gate, and differs little from the learned control. A control
-// that would leave the support is changed if the changed one stays inside.
+// that would leave the support is changed if the changed one stays inside. A larger change counts
+// as small in a world at rest, if the learned control does not lower the level: small gains would
+// add up otherwise.
 bool SafetyFilter::Idle(const LocalFit& fit, const Choice& choice, const StepTarget& target,
                         double pass_level, const Eigen::VectorXd& v) const noexcept {
   const double margin = target.level - pass_level;

@@ -77,7 +77,7 @@ inline constexpr int kMostRelocations = 2;
 /// an ordinary control, it gains little, and the changed control would still not pass. The second
 /// limit applies where a drift of the features of at most kRestDrift times the root mean square
 /// effect of an ordinary control on an entry, and no model of a disturbance, show that the world
-/// rests: waiting costs nothing.
+/// rests, and the learned control does not lower the level: waiting costs nothing.
 inline constexpr double kIdle = 0.5;
 inline constexpr double kIdleAtRest = 1.5;
 inline constexpr double kRestDrift = 0.3;
