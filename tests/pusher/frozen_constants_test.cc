@@ -90,6 +90,8 @@ std::map<std::string, double> InTheCode() {
           {"guided::kIdle", control::guided::kIdle},
           {"guided::kIdleAtRest", control::guided::kIdleAtRest},
           {"guided::kRestDrift", control::guided::kRestDrift},
+          {"guided::kPassDepthQuantile", control::guided::kPassDepthQuantile},
+          {"guided::kLocalReach", control::guided::kLocalReach},
           {"guided::kUnknown", control::guided::kUnknown},
           {"guided::kMaxExitLevel", control::guided::kMaxExitLevel},
           {"StateObserver::kMaxLag", control::StateObserver::kMaxLag},

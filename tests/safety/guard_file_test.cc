@@ -154,8 +154,8 @@ TEST_F(GuardFileTest, OneContradictoryValueIsRefusedByName) {
 }
 
 TEST_F(GuardFileTest, AnotherVersionIsRefusedByName) {
-  core::ArchiveWriter("guard", 7).Save(path_);
-  EXPECT_THAT(Refusal(), HasSubstr("is a guard file of version 7; this program reads version 6: "
+  core::ArchiveWriter("guard", 8).Save(path_);
+  EXPECT_THAT(Refusal(), HasSubstr("is a guard file of version 8; this program reads version 7: "
                                    "fit it again"));
 }
 

@@ -367,7 +367,7 @@ TEST_F(TaskModelTest, MissingFilesAndOtherStatesAreNamed) {
   std::filesystem::remove(folder_ / "support.dfr");
   EXPECT_THAT(Refusal(), HasSubstr((folder_ / "support.dfr").string()));
   core::ArchiveWriter("task-model", 5).Save(folder_ / "task.dfr");
-  EXPECT_THAT(Refusal(), HasSubstr("version 5; this program reads version 3"));
+  EXPECT_THAT(Refusal(), HasSubstr("version 5; this program reads version 4"));
 }
 
 TEST_F(TaskModelTest, AFolderThatCannotBeCreatedIsNamed) {

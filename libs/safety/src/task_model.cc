@@ -13,7 +13,7 @@ namespace dfr::safety {
 namespace {
 
 constexpr std::string_view kTaskKind = "task-model";
-constexpr int kTaskVersion = 3;
+constexpr int kTaskVersion = 4;
 constexpr std::string_view kTaskFile = "task.dfr";
 constexpr std::string_view kSupportFile = "support.dfr";
 constexpr int kMostHorizon = 1'000'000;

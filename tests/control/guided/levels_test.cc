@@ -53,7 +53,7 @@ TEST(LevelsTest, AFileKeepsAllLevels) {
   const auto path = std::filesystem::path(testing::TempDir()) / "levels_kept.dfr";
   Levels levels(test::MovingDisk(), Points(), {.slack = 0.3});
   // All states are at the edge.
-  levels.SetEdgeStay(
+  levels.SetHeldOut(
       std::vector{HeldOutLevels{.levels = std::vector(20, -1.0), .phases = std::vector(20, 0)}});
   core::ArchiveWriter archive("levels", 1);
   levels.Save(archive);
@@ -65,6 +65,7 @@ TEST(LevelsTest, AFileKeepsAllLevels) {
   EXPECT_EQ(loaded.slack(), 0.3);
   EXPECT_EQ(loaded.edge_stay(), levels.edge_stay());
   EXPECT_GT(loaded.edge_stay(), 10.0);
+  EXPECT_EQ(loaded.pass_depth(), 1.0);
   for (int t = 0; t < test::kSteps; ++t) {
     EXPECT_EQ(loaded.gate(t), levels.gate(t));
     EXPECT_EQ(loaded.pass(t), levels.pass(t));
@@ -77,7 +78,7 @@ TEST(LevelsTest, AFileWithAnInvalidLevelIsRefused) {
   const auto path = std::filesystem::path(testing::TempDir()) / "levels.dfr";
   const auto message = [&](const std::vector<double>& gate, const std::vector<double>& pass,
                            const std::vector<double>& edge, const std::vector<double>& median,
-                           double slack, double edge_stay = 10.0) {
+                           double slack, double edge_stay = 10.0, double pass_depth = 0.0) {
     core::ArchiveWriter archive("levels", 1);
     archive.Numbers(gate);
     archive.Numbers(pass);
@@ -85,6 +86,7 @@ TEST(LevelsTest, AFileWithAnInvalidLevelIsRefused) {
     archive.Numbers(median);
     archive.Number(slack);
     archive.Number(edge_stay);
+    archive.Number(pass_depth);
     archive.Save(path);
     core::ArchiveReader reader(path, "levels", 1);
     return test::MessageOf<std::runtime_error>([&] { static_cast<void>(Levels::Load(reader)); });
@@ -99,6 +101,7 @@ TEST(LevelsTest, AFileWithAnInvalidLevelIsRefused) {
     EXPECT_THAT(message(good, good, good, {bad, 0.5}, 0.2), HasSubstr("median levels"));
     EXPECT_THAT(message(good, good, good, good, bad), HasSubstr("slack"));
     EXPECT_THAT(message(good, good, good, good, 0.2, bad), HasSubstr("stay at the edge"));
+    EXPECT_THAT(message(good, good, good, good, 0.2, 10.0, bad), HasSubstr("pass depth"));
   }
   EXPECT_THAT(message({}, good, good, good, 0.2), HasSubstr("gate levels"));
   const std::vector<double> more = {0.5, 0.0, 0.0};
@@ -144,16 +147,35 @@ TEST(LevelsTest, EdgeStayIsAQuantileOfHeldOutStays) {
       one.phases.push_back(t);
     }
   }
-  levels.SetEdgeStay(held_out);
+  levels.SetHeldOut(held_out);
   EXPECT_NEAR(levels.edge_stay(), (1.0 - std::pow(0.98, 19)) / 0.02, 1e-12);
-  levels.SetEdgeStay(std::vector{HeldOutLevels{.levels = {-1.0, -1.0}, .phases = {0, 1}}});
+  levels.SetHeldOut(std::vector{HeldOutLevels{.levels = {-1.0, -1.0}, .phases = {0, 1}}});
   EXPECT_EQ(levels.edge_stay(), 10.0) << "two steps show too little";
   // One demonstration is always inside, and one is at the edge for 20 steps.
   held_out = {{.levels = std::vector(20, 9.0), .phases = std::vector(20, 0)},
               {.levels = std::vector(20, -1.0), .phases = std::vector(20, 0)}};
-  levels.SetEdgeStay(held_out);
+  levels.SetHeldOut(held_out);
   EXPECT_NEAR(levels.edge_stay(), 0.9 * (1.0 - std::pow(0.98, 20)) / 0.02, 1e-12);
-  EXPECT_THROW(levels.SetEdgeStay({}), std::invalid_argument);
+  EXPECT_THROW(levels.SetHeldOut({}), std::invalid_argument);
+}
+
+// Of 101 levels -1, -.99, ..., 0 in two demonstrations, 5 % are below -.95.
+TEST(LevelsTest, PassDepthIsALowQuantileOfAllHeldOutLevels) {
+  Levels levels(test::MovingDisk(), Points());
+  EXPECT_EQ(levels.pass_depth(), 0.0);
+  std::vector<HeldOutLevels> held_out(2);
+  for (int k = 0; k <= 100; ++k) {
+    HeldOutLevels& one = held_out[k < 30 ? 0 : 1];
+    one.levels.push_back(-0.01 * k);
+    one.phases.push_back(0);
+  }
+  levels.SetHeldOut(held_out);
+  EXPECT_NEAR(levels.pass_depth(), 0.95, 1e-12);
+  for (HeldOutLevels& one : held_out) {
+    for (double& l : one.levels) l += 2.0;
+  }
+  levels.SetHeldOut(held_out);
+  EXPECT_EQ(levels.pass_depth(), 0.0) << "states inside give no depth";
 }
 
 TEST(LevelsTest, SlackIsAQuantileOfHeldOutLevelsAndAtLeastTheDefault) {

@@ -89,7 +89,7 @@ TEST_F(SafetyFilterTest, AnEntryOnWhoseEffectDemonstrationsDisagreeIsRaisedLess)
     core::Random random(3);
     for (core::Trajectory& demonstration : demonstrations) {
       for (Eigen::Index t = 0; t < demonstration.controls.rows(); ++t) {
-        const double y = 0.05 * random.Normal();
+        const double y = 0.1 * random.Normal();
         const bool acts = demonstration.states(t, 0) > begin;
         demonstration.controls(t, 1) = y;
         demonstration.states(t + 1, 1) = demonstration.states(t, 1) + (acts ? y : 0.0);

@@ -70,9 +70,10 @@ Levels::Levels(const core::LogDecisionFunction& support, std::span<const core::M
   }
 }
 
-void Levels::SetEdgeStay(std::span<const HeldOutLevels> held_out) {
+void Levels::SetHeldOut(std::span<const HeldOutLevels> held_out) {
   DFR_THROW_UNLESS(!held_out.empty(), "there are no levels of held-out demonstrations");
   std::vector<double> longest;
+  std::vector<double> levels;
   longest.reserve(held_out.size());
   for (const HeldOutLevels& demonstration : held_out) {
     EdgeStay stay;
@@ -82,6 +83,10 @@ void Levels::SetEdgeStay(std::span<const HeldOutLevels> held_out) {
       most = std::max(most, stay.steps());
     }
     longest.push_back(most);
+    levels.insert(levels.end(), demonstration.levels.begin(), demonstration.levels.end());
+  }
+  if (!levels.empty()) {
+    pass_depth_ = std::max(0.0, -Quantile(levels, guided::kPassDepthQuantile));
   }
   edge_stay_ = std::max(guided::kLeastEdgeStay, Quantile(longest, guided::kEdgeStayQuantile));
 }
@@ -93,6 +98,7 @@ void Levels::Save(core::ArchiveWriter& archive) const {
   archive.Numbers(median_);
   archive.Number(slack_);
   archive.Number(edge_stay_);
+  archive.Number(pass_depth_);
 }
 
 Levels Levels::Load(core::ArchiveReader& archive) {
@@ -120,6 +126,10 @@ Levels Levels::Load(core::ArchiveReader& archive) {
   levels.edge_stay_ = archive.Number();
   if (!(levels.edge_stay_ >= 0.0 && std::isfinite(levels.edge_stay_))) {
     archive.Fail("the stay at the edge must be finite and not negative");
+  }
+  levels.pass_depth_ = archive.Number();
+  if (!(levels.pass_depth_ >= 0.0 && std::isfinite(levels.pass_depth_))) {
+    archive.Fail("the pass depth must be finite and not negative");
   }
   return levels;
 }

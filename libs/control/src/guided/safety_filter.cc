@@ -22,7 +22,9 @@ SafetyFilter::SafetyFilter(const TaskView& task, const GuidedOptions& options)
           std::min(options.max_exit_ratio * task.levels().slack(), guided::kMaxExitLevel)),
       probe_size_(options.probe_size),
       demonstrates_(options.demonstrated),
-      hedges_(options.least_intervention),
+      pass_depth_(options.least_intervention ? std::min(task.levels().pass_depth(), max_exit_level_)
+                                             : 0.0),
+      least_(options.least_intervention),
       disturbed_(options.disturbance_model.active()),
       trial_(Eigen::VectorXd::Zero(task.response().control_dim())),
       demonstrated_(trial_),
@@ -42,6 +44,7 @@ SafetyFilter::Choice SafetyFilter::Filter(LocalFit& fit, const StepTarget& targe
       const double here = model.Level(target.phase - 1, v);
       if (here >= stay_level && here > learned) return {Mode::kPolicy, learned, learned, true};
     }
+    if (learned >= pass_level - pass_depth_ && Rests(fit)) return choice;
     learned_ = v;
     choice = Correct(fit, model, target, v);
     choice.learned = learned;
@@ -68,19 +71,32 @@ bool SafetyFilter::Idle(const LocalFit& fit, const Choice& choice, const StepTar
   if (choice.level >= 0.0 && choice.learned < 0.0) return false;
   const double change = (v - learned_).squaredNorm();
   if (change <= guided::kIdle * guided::kIdle) return true;
-  if (disturbed_ || change > guided::kIdleAtRest * guided::kIdleAtRest) return false;
-  const double effect = fit.jacobian().squaredNorm() / static_cast<double>(v.size());
-  const bool rests = fit.drift().squaredNorm() <= guided::kRestDrift * guided::kRestDrift * effect;
-  return rests && choice.learned >= task_.support().LogDecision(target.phase - 1, fit.z(), {});
+  return change <= guided::kIdleAtRest * guided::kIdleAtRest && Rests(fit) &&
+         choice.learned >= task_.support().LogDecision(target.phase - 1, fit.z(), {});
 }
 
-// AscendSupport() extrapolates J. An entry moves less if demonstrations disagree on its effect.
+bool SafetyFilter::Rests(const LocalFit& fit) const noexcept {
+  const double effect = fit.jacobian().squaredNorm() / static_cast<double>(fit.jacobian().cols());
+  return !disturbed_ &&
+         fit.drift().squaredNorm() <= guided::kRestDrift * guided::kRestDrift * effect;
+}
+
+// AscendSupport() extrapolates J. An entry moves less if demonstrations disagree on its effect, or
+// never make large movements nearby. Farther outside, a recovery may need larger ones.
 double SafetyFilter::Raise(LocalFit& fit, const LocalModel& model, const StepTarget& target,
                            Eigen::VectorXd& v) noexcept {
   from_ = v;
   const double level = AscendSupport(model, target, limits_, v);
-  if (!hedges_) return level;
+  if (!least_) return level;
   bool changed = false;
+  if (task_.support().LogDecision(target.phase - 1, fit.z(), {}) >= -pass_depth_) {
+    for (Eigen::Index k = 0; k < v.size(); ++k) {
+      const double most = guided::kLocalReach * fit.DemonstratedSize(k);
+      const double limited = std::clamp(v[k], std::min(from_[k], -most), std::max(from_[k], most));
+      changed = changed || limited != v[k];
+      v[k] = limited;
+    }
+  }
   for (Eigen::Index k = 0; k < v.size(); ++k) {
     const double step = v[k] - from_[k];
     if (std::abs(step) <= guided::kLeastHedged) continue;

@@ -1,6 +1,8 @@
 #include "dfr/control/response/local_fit.h"
 
+#include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "dfr/control/constants.h"
@@ -143,6 +145,12 @@ double LocalFit::Agreement(Eigen::Index k) noexcept {
   const double used = transitions_.sums(k, n + 1 + k);
   const double ridge = prior_->options().ridge;
   return (ridge + used * share) / (ridge + used);
+}
+
+double LocalFit::DemonstratedSize(Eigen::Index k) const noexcept {
+  if (!has_transitions_) return std::numeric_limits<double>::infinity();
+  const double squares = transitions_.sums(k, jacobian_.rows() + 1 + k);
+  return std::sqrt(std::max(0.0, squares / prior_->options().prior_weight));
 }
 
 void LocalFit::AddEffect(const Eigen::Ref<const Eigen::VectorXd>& v, double duration,

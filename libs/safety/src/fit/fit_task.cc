@@ -272,7 +272,7 @@ TaskParts MakeTask(const Recorded& recorded, kernel::WhitenedSupport support,
                    std::optional<PublishedSupport> published) {
   control::Levels levels(support, recorded.seen.points,
                          {.slack = control::EstimateSlack(left_out.levels())});
-  levels.SetEdgeStay(left_out.each);
+  levels.SetHeldOut(left_out.each);
   TaskParts task{.features = recorded.features,
                  .support = std::move(support),
                  .levels = std::move(levels),

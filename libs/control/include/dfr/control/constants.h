@@ -70,6 +70,8 @@ inline constexpr double kEdgeStayQuantile = 0.9;
 /// Smallest Levels::edge_stay(). Few or short demonstrations would give too small a value.
 inline constexpr double kLeastEdgeStay = 10.0;
 inline constexpr double kEdgeRamp = 10.0;
+/// Levels::pass_depth(): minus this quantile of l over held-out demonstrated states.
+inline constexpr double kPassDepthQuantile = 0.05;
 /// GuidedController: maximum number of relocations of the phase in an episode.
 inline constexpr int kMostRelocations = 2;
 
@@ -89,6 +91,10 @@ inline constexpr double kWorthRaising = 0.5;
 /// LocalFit::Agreement() damps the change. Agreement() uses every kAgreementStride-th transition.
 inline constexpr double kLeastHedged = 0.4;
 inline constexpr int kAgreementStride = 8;
+/// SafetyFilter: in a state no farther outside than held-out demonstrations, an ascent moves no
+/// entry beyond this multiple of the root mean square of its demonstrated values nearby. In contact,
+/// for example, demonstrations move less than elsewhere, and J is a mean over both.
+inline constexpr double kLocalReach = 3.0;
 /// SafetyFilter: a direction of control counts as unknown if the largest eigenvalue of A^-1 exceeds
 /// this value. Measurements in this direction then weigh less than a fifth of an ordinary control.
 inline constexpr double kUnknown = 5.0;

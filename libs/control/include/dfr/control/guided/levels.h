@@ -53,8 +53,8 @@ struct HeldOutLevels {
   std::vector<int> phases;     ///< Phase at which each level was evaluated.
 };
 
-/// Levels of l_t that demonstrations keep at each time step, the slack, and the stay at the edge.
-/// Concurrent const calls are safe.
+/// Levels of l_t that demonstrations keep at each time step, the slack, the pass depth, and the
+/// stay at the edge. Concurrent const calls are safe.
 class Levels {
  public:
   /// @param points  features of demonstrated states, one matrix per demonstration.
@@ -63,9 +63,10 @@ class Levels {
   Levels(const core::LogDecisionFunction& support, std::span<const core::Matrix> points,
          const LevelOptions& options = {});
 
-  /// Sets edge_stay() to the 0.9-quantile of the longest stays of `held_out` at the edge,
-  /// at least guided::kLeastEdgeStay. @throws std::invalid_argument if there are none.
-  void SetEdgeStay(std::span<const HeldOutLevels> held_out);
+  /// Sets edge_stay() to the 0.9-quantile of the longest stays of `held_out` at the edge, at least
+  /// guided::kLeastEdgeStay, and pass_depth() to minus the guided::kPassDepthQuantile of all
+  /// levels, at least 0. @throws std::invalid_argument if there are none.
+  void SetHeldOut(std::span<const HeldOutLevels> held_out);
 
   /// Appends this object to a file.
   void Save(core::ArchiveWriter& archive) const;
@@ -81,10 +82,14 @@ class Levels {
   [[nodiscard]] double edge(int t) const noexcept { return Clamped(edge_, t); }
   /// Returns the value of EdgeStay::steps() at which the level for passing a learned control starts
   /// to rise from pass() to gate(). It reaches gate() after guided::kEdgeRamp further steps. Equals
-  /// guided::kLeastEdgeStay before SetEdgeStay().
+  /// guided::kLeastEdgeStay before SetHeldOut().
   [[nodiscard]] double edge_stay() const noexcept { return edge_stay_; }
   /// Returns the median of l_t over demonstrated states, >= 0.
   [[nodiscard]] double median(int t) const noexcept { return Clamped(median_, t); }
+  /// Returns the depth >= 0 below pass() down to which the learned control passes in a world at
+  /// rest: the supervisor's own states lie that far outside a support fitted without them. Equals
+  /// 0 before SetHeldOut().
+  [[nodiscard]] double pass_depth() const noexcept { return pass_depth_; }
   /// Returns LevelOptions::slack.
   [[nodiscard]] double slack() const noexcept { return slack_; }
 
@@ -97,6 +102,7 @@ class Levels {
   std::vector<double> edge_;
   std::vector<double> median_;
   double slack_ = 0.0;
+  double pass_depth_ = 0.0;
   double edge_stay_ = guided::kLeastEdgeStay;
 };
 

@@ -28,7 +28,8 @@ class SafetyFilter {
   /// Changes the learned control `v`, which must be within the limits, to the control to apply in
   /// the state of `fit`. `target` is the next phase and its Levels::gate(). `v` is unchanged if its
   /// predicted level in the next phase is at least `pass_level`, or if its level in the present
-  /// phase is at least `stay_level` and higher than in the next phase. `v` is also unchanged if the
+  /// phase is at least `stay_level` and higher than in the next phase. With least intervention, in
+  /// a world at rest, `pass_level` minus the pass depth suffices. `v` is also unchanged if the
   /// corrected control would still end below `pass_level`, differs by at most guided::kIdle (in a
   /// world at rest, if `v` does not lower the level, kIdleAtRest), gains no more than target.level
   /// - pass_level, and does not lead back inside. kRecovery: `v` does not come from the learned
@@ -41,14 +42,16 @@ class SafetyFilter {
   [[nodiscard]] double max_exit_level() const noexcept { return max_exit_level_; }
 
  private:
-  /// Raises `v` by AscendSupport(). With least intervention, entries that change by more than
-  /// guided::kLeastHedged make only the fraction LocalFit::Agreement() of their change. `v` stays
-  /// unchanged if this lowers its level.
+  /// Raises `v` by AscendSupport(). With least intervention, guided::kLocalReach limits entries,
+  /// and entries that change by more than guided::kLeastHedged make only the fraction
+  /// LocalFit::Agreement() of their change. `v` stays unchanged if this lowers its level.
   /// @returns the predicted level of `v`.
   double Raise(LocalFit& fit, const LocalModel& model, const StepTarget& target,
                Eigen::VectorXd& v) noexcept;
   [[nodiscard]] Choice Correct(LocalFit& fit, const LocalModel& model, const StepTarget& target,
                                Eigen::VectorXd& v) noexcept;
+  /// Returns true if the drift of the features is small, and no model of a disturbance is active.
+  [[nodiscard]] bool Rests(const LocalFit& fit) const noexcept;
   [[nodiscard]] bool Idle(const LocalFit& fit, const Choice& choice, const StepTarget& target,
                           double pass_level, const Eigen::VectorXd& v) const noexcept;
   [[nodiscard]] bool Probe(LocalFit& fit, const LocalModel& model, const StepTarget& target,
@@ -59,7 +62,8 @@ class SafetyFilter {
   double max_exit_level_;
   double probe_size_;
   bool demonstrates_;  ///< Tries demonstrated controls first.
-  bool hedges_;        ///< Raise() weights changes by LocalFit::Agreement().
+  double pass_depth_;  ///< Levels::pass_depth(), at most max_exit_level_. 0 without least_.
+  bool least_;         ///< Least intervention.
   bool disturbed_;
   Eigen::VectorXd trial_;
   Eigen::VectorXd demonstrated_;

@@ -88,6 +88,10 @@ class LocalFit {
   /// from measurements. O(n) for each transition used.
   [[nodiscard]] double Agreement(Eigen::Index k) noexcept;
 
+  /// Returns the root mean square of entry `k` of the demonstrated controls near z, in ordinary
+  /// controls. Infinite if there are no transitions.
+  [[nodiscard]] double DemonstratedSize(Eigen::Index k) const noexcept;
+
   /// Returns the largest eigenvalue of the block of A^-1 that belongs to v, and writes its
   /// eigenvector, the least excited control direction, to `direction` (m entries). With a
   /// disturbance model, the direction has the more informative sign: repeating the same control
