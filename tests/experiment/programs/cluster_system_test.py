@@ -8,6 +8,7 @@ import csv
 import json
 import os
 import pathlib
+import re
 import shutil
 import subprocess
 import sys
@@ -124,6 +125,27 @@ class ScriptTest(Folder):
                                  "two runs of the grid have the same folder gamma=1"),
                                 (["table", out], "contains no summary.json")]:
             self.assertIn(says, run(CLUSTER, *arguments, fails=True))
+
+    def test_usage_errors_give_two_and_one_line(self):
+        for arguments, says in [([], "required: SUBCOMMAND"), (["slurm"], "required: --tasks, --out"), (["table"], "required: OUT"),
+                                (["nonsense"], "invalid choice: 'nonsense'"), (["table", "x", "--versoin"], "--versoin"),
+                                (["slurm", "--tasks", "x", "--out", "x", "--", "x"], "--tasks: invalid int value: 'x'"),
+                                (["parallel", "--tasks", "0", "--out", "x", "--", "x"], "--tasks must be positive"),
+                                (["parallel", "--tasks", "1", "--out", self.folder / "x"], "the experiment is missing")]:
+            with self.subTest(arguments):
+                done = subprocess.run([CLUSTER, *arguments], text=True, capture_output=True, check=False, timeout=60)
+                self.assertEqual((done.returncode, done.stdout), (2, ""))
+                self.assertRegex(done.stderr, r"\Adfr-cluster: .*; --help lists commands and options\n\Z")
+                self.assertIn(says, done.stderr)
+
+    def test_every_argument_has_a_description(self):
+        for command in ("slurm", "parallel", "table"):
+            lists = run(CLUSTER, command, "--help").partition("\n\n")[2].partition("\n\n")[2]
+            arguments = re.findall(r"^  (\S.*)((?:\n {5,}.*)*)", lists, re.M)
+            self.assertGreater(len(arguments), 1)
+            for argument, rest in arguments:
+                with self.subTest(command=command, argument=argument):
+                    self.assertTrue(rest or re.search(r"\S  +\S", argument))
 
 
 @unittest.skipUnless(shutil.which("parallel"), "GNU parallel is not installed")
