@@ -28,6 +28,13 @@ class Demonstrations(NamedTuple):
     note: str
     """Skipped content, for example images, videos and episodes; empty if there is none."""
 
+    def __repr__(self) -> str:
+        widths = [arrays[0].shape[1] if arrays else 0 for arrays in (self.states, self.actions)]
+        return (
+            f"<dfr.Demonstrations: {len(self.actions)} episodes, {sum(map(len, self.actions))} actions, "
+            f"states of {widths[0]} entries, actions of {widths[1]}, {self.environment!r}>"
+        )
+
 
 def load_demonstrations(
     path: str | PathLike[str], *, filter_key: str = "", pictures: str | Sequence[str] = (), all: bool = False

@@ -195,6 +195,10 @@ class DemonstrationsTest(unittest.TestCase):
             loaded = dfr.load_demonstrations(path, all=True)
             self.assertEqual(loaded.layout, LAYOUT)
             self.assertEqual(loaded.completed, [i != 2 for i in range(6)])
+            self.assertEqual(repr(loaded), f"<dfr.Demonstrations: 6 episodes, {sum(map(len, actions))} actions, states of "
+                             f"{states[0].shape[1]} entries, actions of {actions[0].shape[1]}, {loaded.environment!r}>")
+            nothing = loaded._replace(states=[], actions=[])
+            self.assertIn("0 episodes, 0 actions, states of 0 entries", repr(nothing))
             for i in range(6):
                 np.testing.assert_array_equal(loaded.states[i], states[i])
                 np.testing.assert_array_equal(loaded.actions[i], actions[i])
