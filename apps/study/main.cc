@@ -91,7 +91,9 @@ void AddChoices(CLI::App& command, Study& study) {
       .add_option("--conditions", study.conditions,
                   "conditions, by their names in the table; default: all")
       ->delimiter(',');
-  command.add_option("--demonstrations", study.demonstrations)
+  command
+      .add_option("--demonstrations", study.demonstrations,
+                  "number of demonstrations of each trial")
       ->check(dfr::apps::kModelDemonstrations)
       ->capture_default_str();
   command
@@ -229,12 +231,15 @@ void CompareAndPrint(const Comparison& comparison) {
 }
 
 void AddOptions(CLI::App& command, Comparison& comparison) {
-  command.add_option("--task", comparison.task)->capture_default_str();
+  command.add_option("--task", comparison.task, "task: a name that `study run --tasks` takes")
+      ->capture_default_str();
   command.add_option("--condition", comparison.condition, "condition, by its name in the table")
       ->capture_default_str();
   command.add_option("--first", comparison.first, MethodHelp())->capture_default_str();
   command.add_option("--second", comparison.second, "second method")->capture_default_str();
-  command.add_option("--demonstrations", comparison.demonstrations)
+  command
+      .add_option("--demonstrations", comparison.demonstrations,
+                  "number of demonstrations of each trial")
       ->check(dfr::apps::kModelDemonstrations)
       ->capture_default_str();
   command
@@ -308,7 +313,7 @@ int Main(int argc, char** argv) {
   Study ablated = plane;
   AddChoices(*ablate, ablated);
   planar::AddGamma(*ablate, ablated.plane);
-  ablate->add_option("--seed", ablated.seed)->capture_default_str();
+  ablate->add_option("--seed", ablated.seed, "random seed")->capture_default_str();
   ablate->add_option("--threads", ablated.threads, "number of threads; 0: one per core")
       ->check(dfr::apps::kNotNegative)
       ->capture_default_str();
@@ -348,16 +353,24 @@ int Main(int argc, char** argv) {
   int count = 5;
   auto* picture =
       app.add_subcommand("picture", "Write a page with paths of one task of the gallery");
-  picture->add_option("task", shown.tasks)->required()->expected(1);
-  picture->add_option("--policy", shown.policies)->expected(1)->capture_default_str();
-  picture->add_option("--methods", shown.controllers)->delimiter(',')->capture_default_str();
+  std::string shown_task;
+  picture->add_option("task", shown_task, "task, by its name in `study list`")->required();
+  picture->add_option("--policy", shown.policies, "policy to guard: " + Join(PolicyNames()))
+      ->expected(1)
+      ->capture_default_str();
+  picture
+      ->add_option("--methods", shown.controllers,
+                   "methods, in addition to the policy alone: strategies of guards")
+      ->delimiter(',')
+      ->capture_default_str();
   picture->add_option("--entries", entries,
                       "two entries of the state, tip or box[0:2]; default: the first two");
   picture->add_option("--count", count, "number of demonstrations, and of episodes of each method")
       ->check(dfr::apps::kDemonstrations)
       ->capture_default_str();
-  picture->add_option("--seed", shown.seed)->capture_default_str();
-  dfr::core::WritesFile(picture->add_option("--out", page))->capture_default_str();
+  picture->add_option("--seed", shown.seed, "random seed")->capture_default_str();
+  dfr::core::WritesFile(picture->add_option("--out", page, "file of the page"))
+      ->capture_default_str();
   Commands commands;
   planar::AddProof(app, commands);
   planar::AddCoverage(app, commands);
@@ -396,8 +409,9 @@ int Main(int argc, char** argv) {
   if (*compare) CompareAndPrint(comparison);
   if (*power_command) PrintPower(power);
   if (*picture) {
-    SavePicture(RecordStudy(shown, count), dfr::sim::FindGalleryTask(shown.tasks[0]), entries,
-                page);
+    shown.tasks = {shown_task};
+    const dfr::sim::GalleryTask& task = dfr::sim::FindGalleryTask(shown_task);
+    SavePicture(RecordStudy(shown, count), task, entries, page);
   }
   if (*detect) DetectAndPrint(detection);
   for (const auto& [command, run_it] : commands) {

@@ -90,6 +90,22 @@ class ExitCodesTest(unittest.TestCase):
                     self.assertRegex(done.stderr, rf"\A{program.name}: .*--help lists .*\n\Z")
                     self.assertIn(message, done.stderr)
 
+    def test_every_option_has_a_description(self):
+        for program in PROGRAMS:
+            overview = self.run_program(program, "--help").stdout
+            commands = re.findall(r"^  ([a-z-]+) ", overview.partition("Subcommands:")[2], re.M)
+            for command in [[], *([name] for name in commands)]:
+                lists = self.run_program(program, *command, "--help").stdout.partition("Usage:")[2].partition("\nExamples:")[0]
+                found = re.findall(r"^  (\S.*(?:\n {30}.*)*)", lists, re.M)
+                self.assertTrue(found)
+                for text in found:
+                    first, _, below = text.partition("\n")
+                    name, beside = first[:27], first[27:]
+                    # A long type reaches beyond the column. Its description is in the next lines.
+                    whole = sum(map(name.count, "([{")) == sum(map(name.count, ")]}"))
+                    with self.subTest(program=program.name, command=command, option=name):
+                        self.assertTrue(below.strip() or (whole and re.match(r" \S", beside)), text)
+
     def test_every_number_has_a_range(self):
         """-1 is refused. Each option is given twice, so the command does not run even if -1 is accepted."""
         for program in PROGRAMS:

@@ -42,7 +42,7 @@ void AddOptions(CLI::App& command, Detection& detection) {
                   "share of demonstrations that may raise an alarm; sets the thresholds")
       ->check(CLI::Range(0.01, 0.5))
       ->capture_default_str();
-  command.add_option("--seed", detection.seed)->capture_default_str();
+  command.add_option("--seed", detection.seed, "random seed")->capture_default_str();
 }
 
 }  // namespace dfr::study

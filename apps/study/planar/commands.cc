@@ -231,10 +231,11 @@ void Picture(const PlanarStudy& study, const std::vector<std::string>& names, st
 
 void AddTask(CLI::App& command, PlanarStudy& study) {
   command.add_option("--task", study.task, "corridor, push or push-weak")->capture_default_str();
-  command.add_option("--demonstrations", study.demonstrations)
+  command.add_option("--demonstrations", study.demonstrations, "number of demonstrations")
       ->check(apps::kModelDemonstrations)
       ->capture_default_str();
-  command.add_option("--seed", study.seed)->capture_default_str();
+  command.add_option("--seed", study.seed, "random seed of the demonstrations")
+      ->capture_default_str();
 }
 
 void AddCertificateOptions(CLI::App& command, MethodOptions& options) {
@@ -274,7 +275,7 @@ void AddProof(CLI::App& app, Commands& commands) {
   prove->add_option("--steps", proof->steps, "controls")
       ->check(apps::kPositive)
       ->capture_default_str();
-  prove->add_option("--seed", proof->seed)->capture_default_str();
+  prove->add_option("--seed", proof->seed, "random seed of the worlds")->capture_default_str();
   prove
       ->add_option("--dimensions", proof->most_dimensions,
                    "largest number of dimensions; worlds have 2 or more")
@@ -292,8 +293,10 @@ void AddCoverage(CLI::App& app, Commands& commands) {
   const auto worlds = std::make_shared<std::vector<std::string>>(CoverageWorlds());
   const auto numbers = std::make_shared<std::vector<int>>(std::vector{10, 20, 60});
   auto* cover = app.add_subcommand("coverage", "Measure how often the bounds of a fit hold");
-  cover->add_option("--worlds", *worlds)->delimiter(',')->check(CLI::IsMember(CoverageWorlds()));
-  cover->add_option("--demonstrations", *numbers)
+  cover->add_option("--worlds", *worlds, "worlds, with one row each; default: all")
+      ->delimiter(',')
+      ->check(CLI::IsMember(CoverageWorlds()));
+  cover->add_option("--demonstrations", *numbers, "numbers of demonstrations, with one row each")
       ->delimiter(',')
       ->check(CLI::Range(6, 10'000))
       ->capture_default_str();
@@ -303,7 +306,7 @@ void AddCoverage(CLI::App& app, Commands& commands) {
   cover->add_option("--further", options->further, "number of demonstrations to evaluate a fit")
       ->check(apps::kCount)
       ->capture_default_str();
-  cover->add_option("--seed", options->seed)->capture_default_str();
+  cover->add_option("--seed", options->seed, "random seed")->capture_default_str();
   commands.emplace_back(cover, [=] { PrintCoverage(*options, *worlds, *numbers); });
 }
 
@@ -329,8 +332,11 @@ void AddFigure(CLI::App& app, Commands& commands) {
   AddTask(*figure, *study);
   AddMethodOptions(*figure, study->methods);
   figure->add_option("--start", *start, "random seed of the start state")->capture_default_str();
-  core::WritesFolder(figure->add_option("--out", *folder))->capture_default_str();
-  figure->add_option("--methods", *methods)->delimiter(',');
+  core::WritesFolder(figure->add_option("--out", *folder, "folder for the pictures and the video"))
+      ->capture_default_str();
+  figure->add_option("--methods", *methods, "methods, with one picture each")
+      ->delimiter(',')
+      ->capture_default_str();
   commands.emplace_back(figure, [=] { Picture(*study, *methods, *start, *folder); });
 }
 
