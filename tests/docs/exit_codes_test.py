@@ -106,6 +106,26 @@ class ExitCodesTest(unittest.TestCase):
                     with self.subTest(program=program.name, command=command, option=name):
                         self.assertTrue(below.strip() or (whole and re.match(r" \S", beside)), text)
 
+    def test_a_wrong_number_of_values_is_named(self):
+        for program, call, message in [
+            ("line_tracking", "run --amplitude 1,1", "--amplitude: needs 6 values, not 2"),
+            ("line_tracking", "run --amplitude 1 1 --seed 3", "--amplitude: needs 6 values, not 2"),
+            ("line_tracking", "run --frequency", "--frequency: needs 6 values, not none"),
+            ("line_tracking", "vision --frequency=1,1,1,1,1,1,1", "--frequency: takes 6 values, not 7"),
+            ("dvrk_simulator", "--amplitude=1", "--amplitude: needs 6 values, not 1"),
+            ("guard", "fit none --nu", "--nu: needs one value, not none"),
+            ("guard", "fit none -o x -o y", "--out: takes one value, not 2"),
+            ("study", "run --tasks", "--tasks: needs one value, not none"),
+            ("study", "picture reach --policy weak good", "--policy: takes one value, not 2"),
+            ("study", "compare --first dfr --second knn --first lwr", "--first: takes one value, not 2"),
+            ("pusher", "fit --use 3 --use=4", "--use: takes one value, not 2"),
+        ]:
+            for path in (path for path in PROGRAMS if path.name == program):
+                with self.subTest(program=program, call=call):
+                    done = self.run_program(path, *shlex.split(call))
+                    self.assertEqual((done.returncode, done.stdout), (2, ""))
+                    self.assertEqual(done.stderr, f"{program}: {message}; --help lists commands and options\n")
+
     def test_every_number_has_a_range(self):
         """-1 is refused. Each option is given twice, so the command does not run even if -1 is accepted."""
         for program in PROGRAMS:

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <concepts>
 #include <cstddef>
 #include <cstdint>
@@ -138,6 +139,47 @@ std::string DescribeTwoNames(const App& program, std::span<const std::string> ar
     if (fault == name) continue;
     fault.append(" and ").append(name).append(" are one option: give one of them");
     return fault;
+  }
+  return "";
+}
+
+/// Describes the first option in `arguments` with too few or too many values, such as "--amplitude:
+/// needs 6 values, not 2"; "" if there is none. `App` has the interface of CLI::App (CLI11).
+template <typename App>
+std::string DescribeCount(const App& program, std::span<const std::string> arguments) {
+  const App* command = &program;
+  const auto find = [&command](const std::string& argument) {
+    return command->get_option_no_throw(
+        argument.substr(0, argument.starts_with("--") ? argument.find('=') : 2));
+  };
+  std::map<const void*, std::ptrdiff_t> given;
+  for (std::size_t i = 0; i < arguments.size() && arguments[i] != "--"; ++i) {
+    const std::string& argument = arguments[i];
+    for (const App* other : command->get_subcommands([](const App*) { return true; })) {
+      if (other->get_name() == argument) command = other;
+    }
+    const auto* const option = argument.starts_with('-') ? find(argument) : nullptr;
+    if (option == nullptr || option->get_items_expected_max() == 0) continue;
+    const char delimiter = option->get_delimiter();
+    std::ptrdiff_t count = 0;
+    const auto add = [&count, delimiter](std::string_view values) {
+      count += 1 + (delimiter == '\0' ? 0 : std::ranges::count(values, delimiter));
+    };
+    const std::size_t equal = argument.starts_with("--") ? argument.find('=') : 1;
+    if (equal < argument.size() - 1) add(std::string_view(argument).substr(equal + 1));
+    const std::ptrdiff_t least = option->get_items_expected_min();
+    const std::ptrdiff_t most = option->get_items_expected_max();
+    while ((count < least || option->get_allow_extra_args()) && i + 1 < arguments.size() &&
+           arguments[i + 1] != "--" && find(arguments[i + 1]) == nullptr) {
+      add(arguments[++i]);
+    }
+    const auto fault = [&option](const char* verb, std::ptrdiff_t wanted, std::ptrdiff_t found) {
+      return option->get_name() + verb +
+             (wanted == 1 ? "one value" : std::to_string(wanted) + " values") + ", not " +
+             (found == 0 ? "none" : std::to_string(found));
+    };
+    if (count < least) return fault(": needs ", least, count);
+    if ((given[option] += count) > most) return fault(": takes ", most, given[option]);
   }
   return "";
 }
@@ -304,8 +346,11 @@ void CheckOutputs(App& app) {
 template <typename App>
 void CheckArguments(App& app, std::span<const std::string> arguments) {
   app.failure_message([arguments](const App* program, const auto& error) {
-    const std::string unknown = DescribeUnknown(*program, arguments);
-    return program->get_name() + ": " + Printable(unknown.empty() ? error.what() : unknown) +
+    std::string fault = DescribeUnknown(*program, arguments);
+    if (fault.empty() && error.get_name() == "ArgumentMismatch") {
+      fault = DescribeCount(*program, arguments);
+    }
+    return program->get_name() + ": " + Printable(fault.empty() ? error.what() : fault) +
            "; --help lists commands and options\n";
   });
   CheckNumbers(app);
