@@ -6,6 +6,7 @@
 
 #include "commands.h"
 #include "dfr/core/features/absolute_actions.h"
+#include "dfr/core/text/format.h"
 #include "dfr/experiment/progress.h"
 #include "dfr/imitation/demonstrations.h"
 
@@ -95,12 +96,30 @@ void Describe(const std::vector<std::string>& warnings) {
   for (const std::string& warning : warnings) Print("warning         %s\n", warning.c_str());
 }
 
+namespace {
+
+// Checks --action-limit before the episodes are read.
+void CheckActionLimit(const std::vector<double>& limit, int dim) {
+  if (limit.size() > 1 && limit.size() != static_cast<std::size_t>(dim)) {
+    throw std::invalid_argument(core::Format(
+        "--action-limit: has %zu entries, but actions have %d: give one entry for all, or %d",
+        limit.size(), dim, dim));
+  }
+  if (!limit.empty() && *std::max_element(limit.begin(), limit.end()) == 0.0) {
+    throw std::invalid_argument("--action-limit: is zero in all entries: nothing could move");
+  }
+}
+
+}  // namespace
+
 bool RunFit(const FitOptions& options) {
   safety::GuardOptions guard = options.guard;
+  guard.strategy = safety::ParseStrategy(options.strategy);
   guard.features = core::StripObservationPrefixes(guard.features);
   const auto reader =
       imitation::OpenDemonstrations(options.demonstrations, options.filter_key,
                                     reduction::StateReduction::Requests(guard.features));
+  CheckActionLimit(guard.action_limit, reader->control_dim());
   if (!reader->note().empty()) Print("%s\n", reader->note().c_str());
   std::vector<core::Trajectory> all;
   std::vector<core::Trajectory> completed;
@@ -130,7 +149,6 @@ bool RunFit(const FitOptions& options) {
         "guard convert --differences, or give --as-recorded if the actions are increments already");
   }
 
-  guard.strategy = safety::ParseStrategy(options.strategy);
   guard.source = options.demonstrations.filename().string();
   experiment::ProgressBar bar("fit");
   experiment::ProgressMeter meter(

@@ -49,9 +49,14 @@ void AddCheck(CLI::App& app, int& result) {
                    "report entries of actions beyond +- this")
       ->check(dfr::apps::kPositive)
       ->capture_default_str();
-  core::WritesFile(command->add_option("--repair", options->repair,
-                                       "write all readable episodes to this .hdf5 file, after a "
-                                       "killed writer or on a damaged disk"));
+  core::Writes(command->add_option("--repair", options->repair,
+                                   "write all readable episodes to this .hdf5 file, after a "
+                                   "killed writer or on a damaged disk"),
+               [](const std::filesystem::path& path) {
+                 const std::string fault = core::UnwritableFile(path);
+                 if (!fault.empty() || path.extension() == ".hdf5") return fault;
+                 return path.string() + ": the name must end in .hdf5";
+               });
   command->callback(
       [options, &result] { result = RunCheck(*options) ? EXIT_SUCCESS : EXIT_FAILURE; });
 }

@@ -304,8 +304,9 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
   }
   if (alarm.confidence < options.confidence) {
     model->summary_.fit_warnings.push_back(core::Format(
-        "%zu demonstrations cannot keep false_alarms %g with confidence %g. The alarm level gives "
-        "%.3g on average over fits: use more demonstrations, or a lower confidence",
+        "%zu demonstrations cannot keep the share of false alarms at %g with confidence %g. The "
+        "alarm level gives %.3g on average over fits: use more demonstrations, or a lower "
+        "confidence",
         levels.worst.size(), options.false_alarms, options.confidence, alarm.false_alarms));
   }
   if (!going_on("done", 1.0)) return nullptr;

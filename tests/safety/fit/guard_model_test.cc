@@ -242,7 +242,8 @@ TEST(GuardModelTest, AConfidenceThatCannotBeKeptIsAWarning) {
     return GuardModel::Fit(test::CorridorLayout(), demonstrations,
                            {.features = "tip", .false_alarms = 0.3, .confidence = confidence});
   };
-  const auto warning = Contains(HasSubstr("10 demonstrations cannot keep false_alarms 0.3 with"));
+  const auto warning =
+      Contains(HasSubstr("10 demonstrations cannot keep the share of false alarms at 0.3 with"));
   for (const double confidence : {0.0, 0.5, 0.95}) {
     const auto model = fit(confidence);
     EXPECT_EQ(model->summary().confidence, confidence);
