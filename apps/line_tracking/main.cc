@@ -187,7 +187,7 @@ void AddRun(CLI::App& app, RunOptions& options) {
                      "`line_tracking --config FILE` is short for this");
   command.add_option("--model", options.model, "folder written by fit (default: model)");
   command.add_option("--method", options.method,
-                     study::MethodHelp(kOtherLineMethods) + " (default: controller)");
+                     study::MethodHelp(kRobotLineMethods) + " (default: controller)");
   core::Writes(
       command.add_option("--recordings", options.recordings,
                          "folder for the logs of runs (default: recordings); none: no log"),
@@ -235,7 +235,7 @@ void AddRender(CLI::App& app, RenderOptions& options) {
   CLI::App& command =
       *app.add_subcommand("render", "Write a video of one episode, without a display");
   command.add_option("--model", options.model, "folder written by fit")->capture_default_str();
-  command.add_option("--method", options.method, study::MethodHelp(kOtherLineMethods))
+  command.add_option("--method", options.method, study::MethodHelp(kLoadedLineMethods))
       ->capture_default_str();
   command.add_option("--seed", options.seed, "random seed of the episode")->capture_default_str();
   core::WritesFile(command.add_option("--out", options.out, "a video: .mp4 or .webm"),
@@ -250,7 +250,7 @@ void AddView(CLI::App& app, ViewOptions& options) {
   CLI::App& command =
       *app.add_subcommand("view", "Show episodes in a window, with the results of vision");
   command.add_option("--model", options.model, "folder written by fit")->capture_default_str();
-  command.add_option("--method", options.method, "method, as for run")->capture_default_str();
+  command.add_option("--method", options.method, "method, as for render")->capture_default_str();
   command
       .add_option("--seed", options.seed,
                   "random seed of the first episode; each further one adds 1")

@@ -49,6 +49,13 @@ inline constexpr std::array<std::string_view, 8> kOtherLineMethods = {
     "finite-difference", "true-jacobian", "lwr",      "lwr-cv",
     "lwr-online",        "knn",           "ensemble", "proportional"};
 
+/// kOtherLineMethods of a model that was loaded from a file, in a simulation.
+inline constexpr std::array<std::string_view, 7> kLoadedLineMethods = {
+    "finite-difference", "true-jacobian", "lwr", "lwr-cv", "lwr-online", "knn", "proportional"};
+/// The same on a robot, which no oracle can copy.
+inline constexpr std::array<std::string_view, 5> kRobotLineMethods = {"lwr", "lwr-cv", "lwr-online",
+                                                                      "knn", "proportional"};
+
 /// Returns the policy of "proportional".
 [[nodiscard]] const core::Policy& ProportionalPolicy() noexcept;
 
@@ -59,6 +66,7 @@ class LineModel : public study::LearnedModel {
   static LineModel Fit(const imitation::DemonstrationSet& set, const LineModelOptions& options,
                        kernel::Selection* selection = nullptr);
 
+  /// @throws std::runtime_error naming a missing or damaged file.
   static LineModel Load(const std::filesystem::path& folder);
 
   /// Returns a controller that borrows this model. `method` is a name that study::ParseMethod()

@@ -12,7 +12,9 @@ namespace dfr::apps::pusher {
 
 void RunEvaluate(const EvaluateOptions& options) {
   std::vector<safety::Method> methods;
-  for (const std::string& name : options.methods) methods.push_back(study::ParseMethod(name));
+  for (const std::string& name : options.methods) {
+    methods.push_back(study::ParseMethod(name, study::kLoadedMethods));
+  }
   const Model model = Model::Load(options.model);
   const std::vector<int>& sizes = model.policy().mlp().sizes();
   const Learner learner{.hidden = {sizes.begin() + 1, sizes.end() - 1}};

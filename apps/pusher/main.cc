@@ -170,7 +170,7 @@ void AddEvaluate(CLI::App& app, EvaluateOptions& options) {
   CLI::App* command =
       app.add_subcommand("evaluate", "Run a model from new start states, with each method");
   command->add_option("--model", options.model, "folder written by fit")->capture_default_str();
-  command->add_option("--methods", options.methods, "methods, as for experiment")
+  command->add_option("--methods", options.methods, study::MethodHelp(study::kLoadedMethods))
       ->delimiter(',')
       ->capture_default_str();
   command->add_option("--episodes", options.episodes, "number of start states")
@@ -186,8 +186,7 @@ void AddRender(CLI::App& app, RenderOptions& options) {
   CLI::App* command = app.add_subcommand(
       "render", "Write a video of rollouts from one start state, without a display");
   command->add_option("--model", options.model, "folder written by fit")->capture_default_str();
-  command
-      ->add_option("--methods", options.methods, "methods to show side by side, as in baseline,dfr")
+  command->add_option("--methods", options.methods, "methods to show side by side, as for evaluate")
       ->delimiter(',')
       ->capture_default_str();
   command->add_option("--seed", options.seed, "random seed of the start state")
@@ -210,7 +209,7 @@ void AddRender(CLI::App& app, RenderOptions& options) {
 void AddView(CLI::App& app, ViewOptions& options) {
   CLI::App* command = app.add_subcommand("view", "Show rollouts in a window; needs a display");
   command->add_option("--model", options.model, "folder written by fit")->capture_default_str();
-  command->add_option("--method", options.method, "method that controls the arm")
+  command->add_option("--method", options.method, "method that controls the arm, as for evaluate")
       ->capture_default_str();
   command->add_option("--seed", options.seed, "random seed of the first start state")
       ->capture_default_str();

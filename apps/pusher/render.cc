@@ -12,7 +12,9 @@ namespace dfr::apps::pusher {
 
 void RunRender(const RenderOptions& options) {
   std::vector<safety::Method> methods;
-  for (const std::string& name : options.methods) methods.push_back(study::ParseMethod(name));
+  for (const std::string& name : options.methods) {
+    methods.push_back(study::ParseMethod(name, study::kLoadedMethods));
+  }
   PusherTrialRunner runner(Model::Load(options.model), methods, options.plant, {});
   const std::vector<RolloutVideo> videos =
       RecordRollouts(runner, options.methods, options.seed, core::DeriveSeed(options.seed, {1}),
@@ -34,8 +36,8 @@ void RunRender(const RenderOptions& options) {
 }
 
 void RunView(const ViewOptions& options) {
-  PusherTrialRunner runner(Model::Load(options.model), {study::ParseMethod(options.method)},
-                           options.plant, {});
+  const safety::Method method = study::ParseMethod(options.method, study::kLoadedMethods);
+  PusherTrialRunner runner(Model::Load(options.model), {method}, options.plant, {});
   sim::PusherWindow window(runner.plant(), "pusher: " + options.method);
   bool open = true;
   for (std::uint64_t episode = 0; open; ++episode) {

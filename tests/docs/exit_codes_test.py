@@ -126,6 +126,24 @@ class ExitCodesTest(unittest.TestCase):
                     self.assertEqual((done.returncode, done.stdout), (2, ""))
                     self.assertEqual(done.stderr, f"{program}: {message}; --help lists commands and options\n")
 
+    def test_help_explains_valid_methods_only(self):
+        supervised = {"dart", "dagger"}
+        learned = {"ensemble", "five policies"}
+        simulated = {"true-jacobian", "oracle", "random", "at-constraints", "out-of-support"}
+        for program, command, words, others in [
+            ("line_tracking", "experiment", learned | simulated, supervised),
+            ("line_tracking", "run", {"lwr-online", "proportional"}, supervised | learned | simulated),
+            ("line_tracking", "render", simulated, supervised | learned),
+            ("pusher", "experiment", supervised | learned | simulated, set()),
+            ("pusher", "evaluate", simulated, supervised | learned),
+            ("study", "compare", supervised | learned | simulated, set()),
+        ]:
+            for path in (path for path in PROGRAMS if path.name == program):
+                with self.subTest(program=program, command=command):
+                    text = self.run_program(path, command, "--help").stdout
+                    options = re.search(r"^  --(?:methods?|first) (?:.*\n)(?: {5,}.*\n)*", text, re.M).group()
+                    self.assertEqual({word for word in words | others if word in options}, words)
+
     def test_every_number_has_a_range(self):
         """-1 is refused. Each option is given twice, so the command does not run even if -1 is accepted."""
         for program in PROGRAMS:

@@ -24,6 +24,7 @@ std::vector<std::uint8_t> Inset(const sim::LineTrackingPlant& plant) {
 }  // namespace
 
 void RunView(const ViewOptions& options) {
+  static_cast<void>(study::ParseMethod(options.method, kLoadedLineMethods));
   LineModel model = LineModel::Load(options.model);
   // The window precedes the plant, whose endoscope uses the window's OpenGL.
   sim::LineTrackingWindow window("line_tracking: " + options.method);

@@ -7,6 +7,7 @@
 #include "dfr/control/certified/certificate_constants.h"
 #include "dfr/control/certified/certified_controller.h"
 #include "dfr/core/contract.h"
+#include "dfr/core/text/suggest.h"
 #include "dfr/experiment/finite_difference_recovery.h"
 #include "dfr/study/online_lwr.h"
 
@@ -89,12 +90,29 @@ MethodName Split(std::string_view name) noexcept {
   return parts;
 }
 
+std::vector<std::string_view> PoliciesFor(std::span<const std::string_view> others) {
+  std::vector<std::string_view> names;
+  for (const std::string_view policy : kPolicies) {
+    const bool alone = std::ranges::count(kOtherMethods, policy) > 0;
+    const std::string_view needed = alone ? policy : kTrueJacobian;
+    if (policy == "none" || std::ranges::count(others, needed) > 0) names.push_back(policy);
+  }
+  return names;
+}
+
 safety::Method ParseMethod(std::string_view name, std::span<const std::string_view> others) {
+  const std::string_view first = name.substr(0, name.find('/'));
+  const bool alone =
+      std::ranges::any_of(kAlone, [first](auto& pair) { return pair.first == first; });
+  if (alone && std::ranges::count(others, first) == 0) {
+    throw core::UnknownName("method", name, safety::MethodNames(others));
+  }
   const MethodName parts = Split(name);
+  const std::vector<std::string_view> policies = PoliciesFor(others);
   DFR_THROW_UNLESS(
-      name.find('@') == std::string_view::npos || std::ranges::count(kPolicies, parts.policy) == 1,
+      name.find('@') == std::string_view::npos || std::ranges::count(policies, parts.policy) == 1,
       "method '" << name << "': unknown policy '" << parts.policy
-                 << "'; valid: " << Join(kPolicies));
+                 << "'; valid: " << Join(policies));
   const bool on_support = name.find('/') != std::string_view::npos;
   DFR_THROW_UNLESS(!on_support || std::ranges::count(kSupports, parts.support) == 1,
                    "method '" << name << "': unknown support '" << parts.support
@@ -121,15 +139,24 @@ bool IsPolicy(std::string_view method) noexcept {
 }
 
 std::string MethodHelp(std::span<const std::string_view> others) {
-  return safety::MethodNames(others) +
-         "; lwr, lwr-cv and knn are regressions on the demonstrations themselves (lwr-cv with a "
-         "width by cross-validation), lwr-online is one that adapts to the effects of controls "
-         "during an episode, ensemble halts when five "
-         "policies disagree, dart learns from demonstrations with injected noise, dagger asks the "
-         "supervisor while it learns, finite-difference and true-jacobian are oracles that know "
-         "the plant. Append @ and a policy to replace the learned one, as in controller@lwr, or "
-         "none for a zero control: " +
-         Join(kPolicies) +
+  constexpr std::array<std::pair<std::string_view, std::string_view>, 5> kMeanings = {
+      {{"lwr",
+        "lwr, lwr-cv and knn are regressions on the demonstrations themselves (lwr-cv with a "
+        "width by cross-validation), lwr-online is one that adapts to the effects of controls "
+        "during an episode"},
+       {"ensemble", "ensemble halts when five policies disagree"},
+       {"dart", "dart learns from demonstrations with injected noise"},
+       {"dagger", "dagger asks the supervisor while it learns"},
+       {kTrueJacobian, "finite-difference and true-jacobian are oracles that know the plant"}}};
+  std::string meanings;
+  for (const auto& [method, meaning] : kMeanings) {
+    if (std::ranges::count(others, method) == 0) continue;
+    meanings.append(meanings.empty() ? "; " : ", ").append(meaning);
+  }
+  return safety::MethodNames(others) + meanings +
+         ". Append @ and a policy to replace the learned one, as in controller@lwr, or none for a "
+         "zero control: " +
+         Join(PoliciesFor(others)) +
          ". Then append / and another support, as in dfr@lwr/density: " + Join(kSupports);
 }
 

@@ -6,6 +6,7 @@
 #include <string>
 #include <string_view>
 #include <utility>
+#include <vector>
 
 #include "dfr/core/plant.h"
 #include "dfr/core/policy.h"
@@ -29,6 +30,11 @@ inline constexpr std::array<std::string_view, 9> kOtherMethods = {
     "finite-difference", "true-jacobian", "lwr",   "lwr-cv", "lwr-online", "knn",
     "ensemble",          "dart",          "dagger"};
 
+/// kOtherMethods of a model that was loaded from a file, in a simulation. The others of
+/// kOtherMethods need a learner or a supervisor.
+inline constexpr std::array<std::string_view, 6> kLoadedMethods = {
+    "finite-difference", "true-jacobian", "lwr", "lwr-cv", "lwr-online", "knn"};
+
 /// Parts of a method's name, for example "controller@lwr/density".
 struct MethodName {
   std::string_view controller;  ///< "certified" is valid only with a support.
@@ -39,13 +45,19 @@ struct MethodName {
 /// "baseline@lwr" and so on.
 [[nodiscard]] MethodName Split(std::string_view name) noexcept;
 
-/// Same as safety::ParseMethod() with `others`, but also accepts names with a policy or support.
+/// Returns the policies of kPolicies that are valid after an @ in a program with the methods
+/// `others`: a policy that is also one of kOtherMethods must be one of `others`. All but "none" and
+/// these need the driven plant, as the oracle "true-jacobian" does.
+[[nodiscard]] std::vector<std::string_view> PoliciesFor(std::span<const std::string_view> others);
+
+/// Same as safety::ParseMethod() with `others`, but also accepts names with one of PoliciesFor() or
+/// a support.
 /// @throws std::invalid_argument naming the unknown method, policy or support and listing the valid
 ///   ones.
 [[nodiscard]] safety::Method ParseMethod(std::string_view name,
                                          std::span<const std::string_view> others = kOtherMethods);
 
-/// Returns the valid arguments of ParseMethod(), for help texts.
+/// Returns the valid arguments of ParseMethod() with explanations, for help texts.
 [[nodiscard]] std::string MethodHelp(std::span<const std::string_view> others = kOtherMethods);
 
 /// Returns true for a method that runs a policy and guards none, such as "baseline", "lwr",
