@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "apps/command_line.h"
+#include "apps/inputs.h"
 #include "apps/network_options.h"
 #include "apps/platform_options.h"
 #include "dfr/runtime/periodic_timer.h"
@@ -281,6 +282,8 @@ void Run(Options options) {
   dfr::dds::Participant images(options.network);
   std::optional<dfr::line_task::LineCalibration> known;
   if (!options.calibration.empty()) {
+    dfr::apps::MustExist(options.calibration,
+                         "Run `line_tracking calibrate` first, or give another file");
     known = dfr::line_task::LineCalibration::Load(options.calibration);
   }
   dfr::sim::DvrkScene scene(options.scene, known ? &*known : nullptr);

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <memory>
 #include <string>
 
 #include "dfr/safety/guard_advice.h"
@@ -45,6 +46,10 @@ struct FitOptions {
 };
 /// @returns false if `strict` and there is a warning. The guard is saved in any case.
 bool RunFit(const FitOptions& options);
+
+/// Returns the guard of a file. @throws std::runtime_error naming a missing or unreadable file.
+[[nodiscard]] std::shared_ptr<const safety::GuardModel> LoadGuard(
+    const std::filesystem::path& file);
 
 /// Prints the content of a guard, the meaning of its figures, and warnings.
 void Describe(const safety::GuardModel& model);

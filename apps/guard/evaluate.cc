@@ -13,7 +13,7 @@
 namespace dfr::apps::guard {
 
 void RunEvaluate(const EvaluateOptions& options) {
-  const auto model = safety::GuardModel::Load(options.guard);
+  const auto model = LoadGuard(options.guard);
   const auto reader = imitation::OpenDemonstrations(options.demonstrations, options.filter_key,
                                                     imitation::PictureRequests(model->layout()));
   if (reader->layout() != model->layout()) {

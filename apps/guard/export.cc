@@ -72,7 +72,7 @@ std::string UnusableExportFolder(const std::filesystem::path& folder) {
 }
 
 void RunExport(const ExportOptions& options) {
-  const auto model = safety::GuardModel::Load(options.guard);
+  const auto model = LoadGuard(options.guard);
   if (!options.onnx.empty()) {
     safety::ExportOnnx(*model, options.onnx);
     Print("%s: t (rows), x (rows x %d) -> g (rows)\n", options.onnx.c_str(), model->state_dim());

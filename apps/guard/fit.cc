@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "apps/inputs.h"
 #include "commands.h"
 #include "dfr/core/features/absolute_actions.h"
 #include "dfr/core/text/format.h"
@@ -90,6 +91,11 @@ void Describe(const safety::GuardModel& model) {
         "(step %d; median %.3g)\n",
         clearance.block.c_str(), clearance.largest, clearance.step, clearance.median);
   }
+}
+
+std::shared_ptr<const safety::GuardModel> LoadGuard(const std::filesystem::path& file) {
+  MustExist(file, "Run `guard fit` first, or name another file");
+  return safety::GuardModel::Load(file);
 }
 
 void Describe(const std::vector<std::string>& warnings) {

@@ -173,7 +173,7 @@ void AddShow(CLI::App& app) {
   CLI::App* command = app.add_subcommand("show", "Describe a guard's file");
   AddGuard(*command, *path);
   command->callback([path] {
-    const auto model = safety::GuardModel::Load(*path);
+    const auto model = LoadGuard(*path);
     Describe(*model);
     Describe(safety::Warnings(*model));
   });

@@ -325,7 +325,7 @@ std::vector<std::pair<std::string, std::string>> Settings(const safety::GuardMod
 }  // namespace
 
 void RunReport(const ReportOptions& options) {
-  const auto model = safety::GuardModel::Load(options.guard);
+  const auto model = LoadGuard(options.guard);
   const double alarm_level = model->settings().alarm_level;
   Drivers drivers(*model);
   Strays strays(*model);

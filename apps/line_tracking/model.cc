@@ -6,6 +6,7 @@
 #include <string_view>
 #include <utility>
 
+#include "apps/inputs.h"
 #include "dfr/core/contract.h"
 #include "dfr/imitation/fit_mlp.h"
 
@@ -105,6 +106,8 @@ LineModel LineModel::Fit(const imitation::DemonstrationSet& set, const LineModel
 }
 
 LineModel LineModel::Load(const std::filesystem::path& folder) {
+  MustExist(folder / "policy.dfr",
+            "Run `line_tracking fit` first, or give the folder of a model with --model");
   return {study::LearnedModel::Load(folder)};
 }
 

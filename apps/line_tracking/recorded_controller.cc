@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "apps/inputs.h"
 #include "dfr/core/build_info.h"
 #include "dfr/core/text/format.h"
 #include "dfr/recording/read_recording.h"
@@ -88,6 +89,7 @@ void RecordedController::Record(const control::Step& step, std::span<const doubl
 }
 
 bool ReplayRecording(const std::filesystem::path& path, const std::filesystem::path& model_folder) {
+  MustExist(path, "Run `line_tracking run` first, which writes logs, or name another log");
   const recording::Recording log = recording::ReadRecording(path);
   const std::filesystem::path folder =
       model_folder.empty() ? std::filesystem::path(log.metadata.model) : model_folder;

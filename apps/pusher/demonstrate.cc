@@ -8,8 +8,9 @@
 namespace dfr::apps::pusher {
 
 void RunDemonstrate(const DemonstrateOptions& options) {
-  const auto supervisor = imitation::GaussianPolicy::Load(
-      options.supervisor.empty() ? ShippedSupervisor() : options.supervisor);
+  const auto supervisor = options.supervisor.empty()
+                              ? imitation::GaussianPolicy::Load(ShippedSupervisor())
+                              : LoadSupervisor(options.supervisor);
   sim::PusherPlant plant(options.plant);
   experiment::ProgressBar bar("demonstrate");
   experiment::ProgressMeter meter(options.count,

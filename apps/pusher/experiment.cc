@@ -298,7 +298,7 @@ TrialRunnerFactory MakeFactory(const ExperimentOptions& options,
   site_options.seed = plan.seed;
   const std::vector<imitation::GaussianPolicy> supervisors =
       options.supervisor.empty() ? LoadShippedSupervisors(plan.supervisors)
-                                 : std::vector{imitation::GaussianPolicy::Load(options.supervisor)};
+                                 : std::vector{LoadSupervisor(options.supervisor)};
   return {supervisors, site_options, plan.trials};
 }
 

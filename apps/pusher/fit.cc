@@ -1,19 +1,28 @@
 #include <algorithm>
 #include <cstdio>
 
+#include "apps/inputs.h"
 #include "commands.h"
+#include "dfr/core/features/features.h"
 #include "dfr/core/text/format.h"
 #include "dfr/imitation/demonstrations.h"
+#include "dfr/sim/pusher/pusher_plant.h"
 #include "model.h"
 
 namespace dfr::apps::pusher {
 
 void RunFit(const FitOptions& options) {
-  const imitation::DemonstrationSet set = imitation::LoadRobomimic(options.demonstrations);
-  if (!set.note.empty()) std::printf("%s\n", core::Printable(set.note).c_str());
-  const int use = options.use > 0 ? options.use : static_cast<int>(set.trajectories.size());
   ModelOptions model_options = options.model;
   model_options.learner = Learner::Parse(options.learner);
+  const sim::PusherPlant plant;
+  static_cast<void>(core::FeatureSelection(plant.layout(), model_options.support_features));
+  MustExist(options.demonstrations,
+            "Run `pusher demonstrate` first, or give another file with --demonstrations");
+  const imitation::DemonstrationSet set = imitation::LoadRobomimic(options.demonstrations);
+  MustBeOfTask(options.demonstrations, {set.layout, set.control_dim},
+               {plant.layout(), plant.control_dim()}, "pusher demonstrate");
+  if (!set.note.empty()) std::printf("%s\n", core::Printable(set.note).c_str());
+  const int use = options.use > 0 ? options.use : static_cast<int>(set.trajectories.size());
   const Model model = Model::Fit(set, use, model_options);
   model.Save(options.out);
 

@@ -4,6 +4,7 @@
 #include <optional>
 #include <string_view>
 
+#include "apps/inputs.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/text/numbers.h"
 #include "dfr/imitation/fit_mlp.h"
@@ -107,6 +108,8 @@ Model Model::Fit(const imitation::DemonstrationSet& set, int demonstrations,
 }
 
 Model Model::Load(const std::filesystem::path& folder) {
+  MustExist(folder / "policy.dfr",
+            "Run `pusher fit` first, or give the folder of a model with --model");
   return {study::LearnedModel::Load(folder)};
 }
 

@@ -14,6 +14,9 @@ import sys
 import tempfile
 import unittest
 
+import h5py
+import numpy as np
+
 SERVER = pathlib.Path(sys.argv[1])
 PROGRAMS = [pathlib.Path(name) for name in sys.argv[2:]]
 
@@ -143,6 +146,72 @@ class ExitCodesTest(unittest.TestCase):
                     text = self.run_program(path, command, "--help").stdout
                     options = re.search(r"^  --(?:methods?|first) (?:.*\n)(?: {5,}.*\n)*", text, re.M).group()
                     self.assertEqual({word for word in words | others if word in options}, words)
+
+    def test_a_missing_file_names_the_command_that_writes_it(self):
+        for program, calls, message in [
+            ("line_tracking", ["run", "render"],
+             "model/policy.dfr: no such file. Run `line_tracking fit` first, or give the folder of a model with --model"),
+            ("line_tracking", ["fit"],
+             "demonstrations.hdf5: no such file. Run `line_tracking demonstrate` first, or give another file with --demonstrations"),
+            ("line_tracking", ["demonstrate", "vision"], "calibration.dfr: no such file. Run `line_tracking calibrate` first, or go on "
+             "with --calibration none: the true camera and an uncorrected arm"),
+            ("line_tracking", ["replay x.mcap"],
+             "x.mcap: no such file. Run `line_tracking run` first, which writes logs, or name another log"),
+            ("dvrk_simulator", ["--calibration calibration.dfr"],
+             "calibration.dfr: no such file. Run `line_tracking calibrate` first, or give another file"),
+            ("pusher", ["evaluate", "render"],
+             "model/policy.dfr: no such file. Run `pusher fit` first, or give the folder of a model with --model"),
+            ("pusher", ["fit"],
+             "demonstrations.hdf5: no such file. Run `pusher demonstrate` first, or give another file with --demonstrations"),
+            ("pusher", ["demonstrate --supervisor x.dfr", "experiment --supervisor x.dfr --out x"],
+             "x.dfr: no such file. Run `pusher train-supervisor` first, or leave --supervisor out"),
+            ("guard", ["show x.guard", "report x.guard x.hdf5", "evaluate x.guard x.hdf5", "export x.guard --onnx x.onnx"],
+             "x.guard: no such file. Run `guard fit` first, or name another file"),
+            *((program, ["status runs", "episodes runs", "rerun runs 0/1/2/dfr/3", "merge runs --out x"],
+               "runs: contains no ledger.jsonl, nor do the folders in it; name the --out of a run")
+              for program in ("line_tracking", "pusher", "study")),
+        ]:
+            for path in (path for path in PROGRAMS if path.name == program):
+                for call in calls:
+                    with self.subTest(program=program, call=call):
+                        done = self.run_program(path, *shlex.split(call))
+                        self.assertEqual((done.returncode, done.stdout, done.stderr), (1, "", f"{program}: {message}\n"))
+
+    def test_demonstrations_of_another_task_are_named(self):
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "demos.hdf5"
+            with h5py.File(path, "w") as file:
+                for i in range(8):
+                    demo = file.create_group(f"data/demo_{i}")
+                    demo.attrs["num_samples"] = 5
+                    demo["actions"] = np.zeros((5, 2))
+                    demo["obs/tip"] = demo["next_obs/tip"] = np.zeros((5, 2))
+            for program, needed in [
+                ("pusher", "states of qpos[0:7],tip[0:3],object[0:3],goal[0:3],red[0:6],tip_tilt[0:3] and controls of 7 entries"),
+                ("line_tracking", "states of tip[0:2],distance[0:1],heading[0:1] and controls of 2 entries"),
+            ]:
+                for program_path in (path for path in PROGRAMS if path.name == program):
+                    with self.subTest(program=program):
+                        done = self.run_program(program_path, "fit", "--demonstrations", str(path))
+                        self.assertEqual((done.returncode, done.stdout), (1, ""))
+                        self.assertEqual(done.stderr, f"{program}: {path}: demonstrates another task: it has states of tip[0:2] and "
+                                         f"controls of 2 entries; needed are {needed}. `{program} demonstrate` writes such demonstrations\n")
+
+    def test_a_wrong_name_is_reported_before_a_missing_file(self):
+        for program, *calls in [
+            ("line_tracking", "run --method foo", "run --method dart", "run --method true-jacobian", "render --method ensemble",
+             "fit --features foo"),
+            ("pusher", "evaluate --methods foo", "evaluate --methods dagger", "render --methods foo", "fit --learner foo",
+             "fit --features foo", "experiment --supervisor x.dfr --methods foo", "experiment --supervisor x.dfr --learners foo"),
+            ("guard", "fit x.hdf5 --strategy foo"),
+        ]:
+            for path in (path for path in PROGRAMS if path.name == program):
+                for call in calls:
+                    with self.subTest(program=program, call=call):
+                        done = self.run_program(path, *shlex.split(call))
+                        self.assertEqual((done.returncode > 0, done.stdout), (True, ""))
+                        self.assertRegex(done.stderr, rf"\A{program}: .*'?{call.split()[-1]}'?.*\n\Z")
+                        self.assertNotIn("no such file", done.stderr)
 
     def test_every_number_has_a_range(self):
         """-1 is refused. Each option is given twice, so the command does not run even if -1 is accepted."""

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "apps/inputs.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
 #include "dfr/core/record.h"
@@ -48,6 +49,11 @@ std::vector<imitation::GaussianPolicy> LoadShippedSupervisors(int count) {
         first.parent_path() / ("supervisor_" + std::to_string(i) + ".dfr")));
   }
   return supervisors;
+}
+
+imitation::GaussianPolicy LoadSupervisor(const std::filesystem::path& file) {
+  MustExist(file, "Run `pusher train-supervisor` first, or leave --supervisor out");
+  return imitation::GaussianPolicy::Load(file);
 }
 
 imitation::DemonstrationSet Demonstrate(sim::PusherPlant& plant,

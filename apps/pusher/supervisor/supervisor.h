@@ -22,6 +22,10 @@ inline constexpr int kShippedSupervisors = 5;
 /// @throws std::invalid_argument if there are fewer; std::runtime_error naming an unreadable file.
 [[nodiscard]] std::vector<imitation::GaussianPolicy> LoadShippedSupervisors(int count);
 
+/// Returns the supervisor of a file of train-supervisor.
+/// @throws std::runtime_error naming a missing or unreadable file.
+[[nodiscard]] imitation::GaussianPolicy LoadSupervisor(const std::filesystem::path& file);
+
 /// Numbers of kept and discarded episodes of Demonstrate().
 struct DemonstrationCounts {
   int kept = 0;

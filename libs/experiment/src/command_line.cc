@@ -234,7 +234,7 @@ std::vector<std::filesystem::path> LedgersIn(const std::vector<std::filesystem::
     }
     if (below.empty()) {
       throw std::runtime_error(folder.string() + ": contains no " + kLedger +
-                               ", nor do the folders in it");
+                               ", nor do the folders in it; name the --out of a run");
     }
     std::ranges::sort(below);
     ledgers.insert(ledgers.end(), below.begin(), below.end());
@@ -254,6 +254,7 @@ std::string CommandOf(const std::filesystem::path& configuration) {
 
 // Returns the arguments that repeat an episode of the run in `folder`.
 Arguments RerunOf(const std::filesystem::path& folder, const Rerun& rerun) {
+  static_cast<void>(LedgersIn({folder}));
   const std::filesystem::path configuration = folder / kConfiguration;
   Arguments arguments = {CommandOf(configuration), "--config",
                          configuration.string(),   "--out",

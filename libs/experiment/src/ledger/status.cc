@@ -189,8 +189,9 @@ std::vector<Status> StatusesOf(const std::vector<std::filesystem::path>& folders
     const std::size_t before = ledgers.size();
     Collect(folder, 0, ledgers);
     if (ledgers.size() == before) {
-      throw std::runtime_error(folder.string() +
-                               ": contains no ledger.jsonl, nor do the folders in it");
+      throw std::runtime_error(
+          folder.string() +
+          ": contains no ledger.jsonl, nor do the folders in it; name the --out of a run");
     }
   }
   std::vector<Run> runs;
