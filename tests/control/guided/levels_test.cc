@@ -159,7 +159,7 @@ TEST(LevelsTest, EdgeStayIsAQuantileOfHeldOutStays) {
   EXPECT_THROW(levels.SetHeldOut({}), std::invalid_argument);
 }
 
-// Of 101 levels -1, -.99, ..., 0 in two demonstrations, 5 % are below -.95.
+// Two demonstrations have the 101 levels 0, -.01, ..., -1: 5 % are below -.95.
 TEST(LevelsTest, PassDepthIsALowQuantileOfAllHeldOutLevels) {
   Levels levels(test::MovingDisk(), Points());
   EXPECT_EQ(levels.pass_depth(), 0.0);

@@ -101,7 +101,7 @@ class ShardsTest(unittest.TestCase):
                 (("run", "0/6/8/dfr"), "an episode is TRIAL/DEMONSTRATIONS/LEARNER/METHOD/START"),
                 (("run", name, "--methods", "magic"), "run: the run has no method 'magic'"),
                 (("run", name, "--film", "film.html"), "this program cannot draw episodes"),
-                (("nowhere", name), "nowhere/run.toml")]:
+                (("nowhere", name), "nowhere: contains no ledger.jsonl")]:
             self.assertIn(says, self.run_program("rerun", *arguments, fails=True))
         # The program's outcome differs from the ledger's.
         self.assertIn("the ledger's result of", self.run_program("rerun", "run", name, fails=True, differs="yes"))

@@ -92,8 +92,8 @@ inline constexpr double kWorthRaising = 0.5;
 inline constexpr double kLeastHedged = 0.4;
 inline constexpr int kAgreementStride = 8;
 /// SafetyFilter: in a state no farther outside than held-out demonstrations, an ascent moves no
-/// entry beyond this multiple of the root mean square of its demonstrated values nearby. In contact,
-/// for example, demonstrations move less than elsewhere, and J is a mean over both.
+/// entry beyond this multiple of the root mean square of its demonstrated values nearby. In
+/// contact, for example, demonstrations move less than elsewhere, and J is a mean over both.
 inline constexpr double kLocalReach = 3.0;
 /// SafetyFilter: a direction of control counts as unknown if the largest eigenvalue of A^-1 exceeds
 /// this value. Measurements in this direction then weigh less than a fifth of an ordinary control.
