@@ -167,7 +167,8 @@ std::map<std::string, double> InTheCode() {
           {"NearestNeighbourPolicy::kNeighbours", study::NearestNeighbourPolicy::kNeighbours},
           {"LocallyWeightedOptions::window", lwr.window},
           {"LocallyWeightedOptions::width", lwr.width},
-          {"LocallyWeightedOptions::ridge", lwr.ridge}};
+          {"LocallyWeightedOptions::ridge", lwr.ridge},
+          {"LocallyWeightedOptions::max_per_step", lwr.max_per_step}};
 }
 
 // Fails if a constant differs from the page, or is added only to the page or only to this list.

@@ -28,7 +28,7 @@ LocallyWeightedPolicy::LocallyWeightedPolicy(core::FeatureTransform features,
   DFR_THROW_UNLESS(m >= 1 && m <= kMaxControls,
                    "1 to " << kMaxControls << " control entries are supported, not " << m);
   std::vector<core::Matrix> points;
-  Eigen::Index longest = 0;
+  std::vector<const core::Matrix*> controls;
   for (std::size_t d = 0; d < demonstrations.size(); ++d) {
     const core::Trajectory& demonstration = demonstrations[d];
     DFR_THROW_UNLESS(demonstration.controls.cols() == m &&
@@ -37,22 +37,10 @@ LocallyWeightedPolicy::LocallyWeightedPolicy(core::FeatureTransform features,
                                       << " must have controls of the size of demonstration 0, and "
                                          "one state more than controls");
     points.push_back(features_.Apply(demonstration.states));
-    longest = std::max(longest, demonstration.controls.rows());
+    controls.push_back(&demonstration.controls);
   }
-  std::vector<std::pair<std::size_t, Eigen::Index>> chosen;
-  std::vector<std::size_t> moving;
-  for (Eigen::Index t = 0; t < longest; ++t) {
-    begin_.push_back(static_cast<int>(chosen.size()));
-    moving.clear();
-    for (std::size_t d = 0; d < demonstrations.size(); ++d) {
-      const core::Matrix& controls = demonstrations[d].controls;
-      if (t < controls.rows() && controls.row(t).squaredNorm() > 0.0) moving.push_back(d);
-    }
-    const std::size_t most =
-        std::min<std::size_t>(moving.size(), static_cast<std::size_t>(options.max_per_step));
-    for (std::size_t i = 0; i < most; ++i) chosen.emplace_back(moving[i * moving.size() / most], t);
-  }
-  begin_.push_back(static_cast<int>(chosen.size()));
+  auto [chosen, begin] = core::SelectControls(controls, options.max_per_step);
+  begin_ = std::move(begin);
   DFR_THROW_UNLESS(!chosen.empty(), "all demonstrated controls are zero");
   points_.resize(static_cast<Eigen::Index>(chosen.size()), n);
   controls_.resize(points_.rows(), m);

@@ -5,9 +5,12 @@
 #include <cstddef>
 #include <limits>
 #include <stdexcept>
+#include <utility>
+#include <vector>
 
 #include "dfr/control/constants.h"
 #include "dfr/core/contract.h"
+#include "dfr/core/trajectory.h"
 #include "transition_sums.h"
 
 namespace dfr::control {
@@ -62,7 +65,6 @@ TransitionStore::TransitionStore(std::span<const core::Matrix> features,
   DFR_THROW_UNLESS(n >= 1 && n <= kMaxEntries && m >= 1 && m <= kMaxEntries,
                    "features have " << n << " entries and controls " << m << "; 1 to "
                                     << kMaxEntries << " are supported");
-  Eigen::Index longest = 0;
   for (std::size_t d = 0; d < features.size(); ++d) {
     DFR_THROW_UNLESS(features[d].cols() == n && controls[d].cols() == m &&
                          features[d].rows() == controls[d].rows() + 1,
@@ -76,27 +78,12 @@ TransitionStore::TransitionStore(std::span<const core::Matrix> features,
                      "demonstration "
                          << d
                          << " needs one context per control; all contexts must have the same size");
-    longest = std::max(longest, controls[d].rows());
   }
 
-  std::vector<std::pair<std::size_t, Eigen::Index>> chosen;
-  std::vector<std::size_t> moving;
-  for (Eigen::Index t = 0; t < longest; ++t) {
-    begin_.push_back(static_cast<int>(chosen.size()));
-    moving.clear();
-    for (std::size_t d = 0; d < controls.size(); ++d) {
-      if (t < controls[d].rows() && controls[d].row(t).squaredNorm() > 0.0) moving.push_back(d);
-    }
-    const std::size_t most =
-        std::min<std::size_t>(moving.size(), static_cast<std::size_t>(options.max_per_step));
-    // Selects demonstrations that the previous time step did not select: a window then covers most
-    // demonstrations.
-    for (std::size_t i = 0; i < most; ++i) {
-      const std::size_t first = i * moving.size() / most;
-      chosen.emplace_back(moving[(first + static_cast<std::size_t>(t)) % moving.size()], t);
-    }
-  }
-  begin_.push_back(static_cast<int>(chosen.size()));
+  std::vector<const core::Matrix*> pointers;
+  for (const core::Matrix& matrix : controls) pointers.push_back(&matrix);
+  auto [chosen, begin] = core::SelectControls(pointers, options.max_per_step);
+  begin_ = std::move(begin);
 
   transitions_.setZero(static_cast<Eigen::Index>(chosen.size()), Width());
   contexts_.setZero(transitions_.rows(), contexts.empty() ? 0 : contexts[0].cols());

@@ -1,8 +1,12 @@
 #pragma once
 
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <span>
+#include <utility>
+#include <vector>
 
 #include "dfr/core/matrix.h"
 
@@ -44,5 +48,18 @@ struct Trajectory {
 
   [[nodiscard]] int num_steps() const noexcept { return static_cast<int>(controls.rows()); }
 };
+
+/// Demonstrated controls, sorted by time step.
+struct ControlSelection {
+  std::vector<std::pair<std::size_t, Eigen::Index>> rows;  ///< Demonstration and time step.
+  std::vector<int> begin;  ///< First row of time step t; one more entry at the end.
+};
+
+/// Selects at most `max_per_step` controls of each time step, evenly over the demonstrations whose
+/// control is not zero. Consecutive time steps select different demonstrations: a window of time
+/// steps then covers most demonstrations.
+/// @param controls  T x control_dim, one matrix per demonstration.
+[[nodiscard]] ControlSelection SelectControls(std::span<const Matrix* const> controls,
+                                              int max_per_step);
 
 }  // namespace dfr::core

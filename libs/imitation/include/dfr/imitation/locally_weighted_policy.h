@@ -15,7 +15,7 @@ struct LocallyWeightedOptions {
                           ///< if there are none, the nearest in time.
   double width = 1.0;     ///< Width of the weights exp(-|z - z_i|^2 / (2 width^2)), > 0.
   double ridge = 0.1;     ///< Regularises the local slope towards zero, > 0.
-  int max_per_step = 24;  ///< Maximum number of demonstrations used per time step, for speed.
+  int max_per_step = 48;  ///< See core::SelectControls().
 };
 
 /// Locally weighted linear regression on the demonstrations (Atkeson, Moore and Schaal, 1997): u =
