@@ -245,9 +245,10 @@ function(dfr_add_peer name)
   target_link_options(${name} PRIVATE -Wl,--exclude-libs,ALL)
 endfunction()
 
-# Installs the files that find_package(dfr COMPONENTS ...) reads.
+# Installs the files that find_package(dfr COMPONENTS ...) reads. They name every component of components.txt:
+# other builds may install more components into the same folder.
 function(dfr_install_package)
-  get_property(libraries GLOBAL PROPERTY DFR_LIBRARIES)
+  set(libraries ${component_names})
   set(needs "")
   foreach(name IN LISTS libraries)
     string(APPEND needs "set(dfr_${name}_needs ${component_${name}_needs})\n")
