@@ -72,16 +72,15 @@ function(dfr_debian_name name result)
   endif()
 endfunction()
 
-# Sets result to TRUE if the component links, also indirectly, to GPL code. Debian's Ceres links to GPL parts
-# of SuiteSparse, and OpenCV's videoio links to FFmpeg (third_party_licenses/README.md).
-function(dfr_reaches_gpl name result)
+# Sets result to TRUE if the packages of the component, or of a component that it needs, match the pattern.
+function(dfr_reaches name pattern result)
   set(${result} FALSE PARENT_SCOPE)
-  if("${component_${name}_packages}" MATCHES "libceres-dev|libopencv-videoio-dev")
+  if("${component_${name}_packages}" MATCHES "${pattern}")
     set(${result} TRUE PARENT_SCOPE)
     return()
   endif()
   foreach(need IN LISTS component_${name}_needs)
-    dfr_reaches_gpl(${need} found)
+    dfr_reaches(${need} "${pattern}" found)
     if(found)
       set(${result} TRUE PARENT_SCOPE)
       return()
@@ -102,7 +101,8 @@ function(dfr_install_copyright name package)
   string(STRIP "${license}" license)
   set(license " ${license}")
   set(comment "The source of this package is under the BSD 3-Clause License alone.")
-  dfr_reaches_gpl(${name} gpl)
+  # Debian's Ceres links to GPL parts of SuiteSparse, and OpenCV's videoio to FFmpeg (third_party_licenses/README.md).
+  dfr_reaches(${name} "libceres-dev|libopencv-videoio-dev" gpl)
   if(gpl)
     string(APPEND comment "\n A binary that links this package's libraries, or is one of its programs,"
       "\n reaches code under the GPL through Debian's Ceres Solver (SuiteSparse) or"
@@ -166,6 +166,11 @@ function(dfr_describe_packages)
       set(CPACK_DEBIAN_${id}_PACKAGE_SECTION libdevel)
     else()
       set(CPACK_DEBIAN_${id}_PACKAGE_SHLIBDEPS ON)
+      # dpkg-shlibdeps does not see the libraries that mujoco_view opens at run time.
+      dfr_reaches(${name} "libosmesa6-dev" draws)
+      if(draws)
+        set(CPACK_DEBIAN_${id}_PACKAGE_DEPENDS "libosmesa6, libegl1")
+      endif()
       # Recommends the programs that a program starts.
       set(recommends "")
       foreach(need IN LISTS component_${name}_needs)

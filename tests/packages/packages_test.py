@@ -151,6 +151,25 @@ class PackagesTest(unittest.TestCase):
                 self.assertNotIn("-dev", depends)  # run-time libraries only
                 self.assertIn("libc6", depends)
 
+    def test_programs_depend_on_the_libraries_that_they_open_by_name(self):
+        """Direct and indirect dependencies own each library whose name a program contains but does not link."""
+        opened = set()
+        for deb, info in self.info.items():
+            listed = run("dpkg-deb", "--contents", deb)
+            for path in re.findall(r"\./(usr/bin/\S+|usr/lib/python3/\S+\.so)$", listed, re.M):
+                content = (self.root / path).read_bytes()
+                if not content.startswith(b"\x7fELF"):
+                    continue
+                names = {n.decode() for n in re.findall(rb"\0(lib[\w+-]+\.so(?:\.\d+)+)(?=\0)", content)}
+                names -= set(re.findall(r"\(NEEDED\).*\[(.*)\]", run("readelf", "--dynamic", self.root / path)))
+                opened |= names
+                found = [str(file) for name in names for file in pathlib.Path("/usr/lib").glob(f"*/{name}")]
+                allowed = self.host.closure(c for choices in alternatives(info["Depends"]) for c in choices)
+                for file, packages in owners(found).items():
+                    self.assertTrue(packages & allowed, f"{path} opens {file} of {packages}")
+        if any(info["Package"] == "dfr-pusher" for info in self.info.values()):
+            self.assertLessEqual({"libOSMesa.so.8", "libEGL.so.1"}, opened)
+
     def test_dpkg_finds_nothing_missing(self):
         names = [info["Package"] for info in self.info.values()]
         self.assertEqual(run("dpkg", f"--root={self.root}", "--audit", *names), "")
