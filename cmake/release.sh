@@ -53,7 +53,9 @@ cmd_release() {
     git show "$commit:CHANGELOG.md" | grep -qE "^## $version \([0-9]{4}-[0-9]{2}-[0-9]{2}\)$" ||
       die "CHANGELOG.md of $tag needs the heading of its date: ## $version (YYYY-MM-DD)"
   fi
-  [[ " $* " != *" packages "* ]] || need build package all
+  [ "$*" = source ] || [[ $work != *[[:space:]]* ]] ||
+    die "packages and wheels need a path without blanks, not '$PWD': the build splits CXXFLAGS there. Clone into another folder"
+  [[ " $* " != *" packages "* ]] || need build package page all
   [[ " $* " != *" wheels "* ]] || need build release python
   rm -rf "$out" "$work"
   mkdir -p "$out" "$work"
@@ -61,8 +63,8 @@ cmd_release() {
   git -c tar.umask=0022 archive --format=tar --prefix="$name/" "$commit" | gzip -9n >"$out/$name.tar.gz"
   git show "$commit:CHANGELOG.md" |
     awk -v version="$version" '/^## / { found = $2 == version; if (found) print; next } found' >"$out/release_notes.md"
-  [ "$*" = source ] || tar -xzf "$out/$name.tar.gz" -C "$work"
   umask 022
+  [ "$*" = source ] || tar -xzf "$out/$name.tar.gz" -C "$work"
   export SOURCE_DATE_EPOCH LC_ALL=C.UTF-8 TZ=UTC
   export CFLAGS="-ffile-prefix-map=$work/= ${CFLAGS:-}" CXXFLAGS="-ffile-prefix-map=$work/= ${CXXFLAGS:-}"
   if [[ " $* " = *" packages "* ]]; then

@@ -42,7 +42,7 @@ class ReleaseTest(unittest.TestCase):
 
     def release(self, *arguments, status=0, options=()):
         command = [self.clone / "dev", "--no-install", *options, "release", *arguments]
-        done = subprocess.run(command, capture_output=True, text=True)
+        done = subprocess.run(command, capture_output=True, text=True, umask=0o077)
         self.assertEqual(done.returncode, status, done.stderr)
         return done.stderr
 
@@ -73,6 +73,17 @@ class ReleaseTest(unittest.TestCase):
         self.assertEqual((self.artefacts / "a.deb").read_text(),
                          f"{self.clone}/build/release-work/dfr-{self.version} 7\n")
         self.assertIn("a.deb\n", (self.artefacts / "SHA256SUMS").read_text())
+        # Files have the modes of the tarball, whatever the mask of the user. The test is void for root.
+        module = self.clone / f"build/release-work/dfr-{self.version}/python/dfr/__init__.py"
+        self.assertEqual(module.stat().st_mode & 0o777, 0o644)
+
+    def test_a_path_that_compilers_would_split_is_refused(self):
+        moved = self.clone.rename(self.clone.parent / "my clone")
+        self.addCleanup(lambda: moved.rename(self.clone))
+        command = [moved / "dev", "--no-install", "release", "--dry-run", "wheels"]
+        done = subprocess.run(command, capture_output=True, text=True)
+        self.assertEqual(done.returncode, 1, done.stderr)
+        self.assertIn(f"a path without blanks, not '{moved}'", done.stderr)
 
     def test_notes_are_the_versions_part_of_the_changelog(self):
         changes = self.clone / "CHANGELOG.md"
