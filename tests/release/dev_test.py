@@ -65,6 +65,15 @@ class DevTest(unittest.TestCase):
             self.assertEqual((hooks / "pre-commit").read_text(), own + "./dev --no-install check\n")
         self.assertTrue((hooks / "commit-msg").stat().st_mode & 0o100)
 
+    def test_a_word_that_is_no_positive_number_is_a_usage_error(self):
+        for number in ("0", "x", ".5", "-1", "08"):
+            for command in (["fuzz", "all", number], ["check", "--minutes", number], ["test", "--busy", number],
+                            ["-j", number]):
+                with self.subTest(command=command):
+                    text = self.dev("--no-install", *command, status=2)
+                    self.assertRegex(text, r"\Adev: .* a positive .*\n\Z")
+        self.assertFalse(self.calls.exists())
+
 
 if __name__ == "__main__":
     unittest.main()
