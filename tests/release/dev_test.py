@@ -74,6 +74,11 @@ class DevTest(unittest.TestCase):
                     self.assertRegex(text, r"\Adev: .* a positive .*\n\Z")
         self.assertFalse(self.calls.exists())
 
+    def test_a_system_without_dpkg_builds_if_nothing_is_to_be_installed(self):
+        self.assertIn("not a Debian system", self.dev("build", "kernel", status=1))
+        self.dev("--no-install", "build", "kernel")
+        self.assertIn("cmake --build build/release", self.calls.read_text())
+
 
 if __name__ == "__main__":
     unittest.main()
