@@ -79,6 +79,11 @@ class DevTest(unittest.TestCase):
         self.dev("--no-install", "build", "kernel")
         self.assertIn("cmake --build build/release", self.calls.read_text())
 
+    def test_coverage_runs_the_tests_that_it_builds(self):
+        self.program(self.tree / "tests/coverage/line_coverage.py", "")
+        self.dev("--no-install", "coverage", "core")
+        self.assertRegex(self.calls.read_text(), r"ctest --test-dir build/coverage .* -LE \^system\$\n")
+
 
 if __name__ == "__main__":
     unittest.main()
