@@ -79,6 +79,18 @@ class DevTest(unittest.TestCase):
         self.dev("--no-install", "build", "kernel")
         self.assertIn("cmake --build build/release", self.calls.read_text())
 
+    def test_paths_start_in_the_callers_folder_if_arguments_are_given(self):
+        mine = self.folder / "my data"
+        mine.mkdir()
+        self.program(self.tree / "build/release/bin/guard", 'echo "$PWD|$*"; exit 3')
+        self.program(self.tree / "build/release/bin/pusher", 'echo "$PWD|$*"')
+        self.assertIn(f"{mine}|check demos.hdf5\n", self.dev("--no-install", "run", "guard", "check", "demos.hdf5",
+                                                            folder=mine, status=3))
+        self.assertIn(f"{self.tree}|experiment --preset quick", self.dev("--no-install", "run", folder=mine))
+        self.program(self.tree / "build/release/bin/line_tracking", 'echo "$PWD|$*"')  # its configuration is the tree's
+        self.assertIn(f"{self.tree}|launch --config apps/line_tracking/config/simulator.toml --episodes 1\n",
+                      self.dev("--no-install", "run", "line_tracking", "--dds", "--episodes", "1", folder=mine))
+
     def test_coverage_runs_the_tests_that_it_builds(self):
         self.program(self.tree / "tests/coverage/line_coverage.py", "")
         self.dev("--no-install", "coverage", "core")
