@@ -96,6 +96,11 @@ class DevTest(unittest.TestCase):
         self.dev("--no-install", "coverage", "core")
         self.assertRegex(self.calls.read_text(), r"ctest --test-dir build/coverage .* -LE \^system\$\n")
 
+    def test_only_the_page_needs_the_compiler_for_browsers(self):
+        self.assertNotIn("emscripten", self.missing("package", "guard", "python"))
+        for components in ([], ["all"], ["guard", "planar_page"]):
+            self.assertIn("emscripten", self.missing("package", *components))
+
 
 if __name__ == "__main__":
     unittest.main()
