@@ -36,24 +36,28 @@ class Picture {
   bool tip = true;
   bool second_tip = false;
   std::vector<Eigen::Vector2d> marks = Options().target.marks_m;
+  CameraModel camera;  // without distortion
+  double depth = kDepth;
 
   void Draw() {
+    data_.resize(static_cast<std::size_t>(camera.width) * camera.height * 3);
     half_width_ = 0.00075 * std::hypot(1.0, line_slope);
     core::Random random(1);
-    for (int row = 0; row < 480; ++row) {
-      for (int column = 0; column < 640; ++column) {
+    for (int row = 0; row < camera.height; ++row) {
+      for (int column = 0; column < camera.width; ++column) {
         double bgr[3] = {0, 0, 0};
         constexpr int kSub = 2;  // sub-pixels produce soft edges
         for (int i = 0; i < kSub; ++i) {
           for (int j = 0; j < kSub; ++j) {
             const double u = column + (j + 0.5) / kSub - 0.5;
             const double v = row + (i + 0.5) / kSub - 0.5;
-            AddColor((u - 319.5) / 700 * kDepth, -(v - 239.5) / 700 * kDepth, bgr);
+            AddColor((u - camera.cx) / camera.fx * depth, -(v - camera.cy) / camera.fy * depth,
+                     bgr);
           }
         }
         for (int c = 0; c < 3; ++c) {
           const double value = bgr[c] / (kSub * kSub) + 2.0 * random.Normal() + 0.5;
-          const int entry = (row * 640 + column) * 3 + c;
+          const int entry = (row * camera.width + column) * 3 + c;
           data_[static_cast<std::size_t>(entry)] =
               static_cast<std::uint8_t>(std::fmin(255.0, std::fmax(0.0, value)));
         }
@@ -62,7 +66,9 @@ class Picture {
   }
 
   void Fill(std::uint8_t value) { std::fill(data_.begin(), data_.end(), value); }
-  [[nodiscard]] ImageView view() const { return {data_.data(), 640, 480, 640 * 3}; }
+  [[nodiscard]] ImageView view() const {
+    return {data_.data(), camera.width, camera.height, static_cast<std::size_t>(camera.width) * 3};
+  }
 
  private:
   void AddColor(double x, double y, double* bgr) const {
@@ -83,7 +89,7 @@ class Picture {
   }
 
   double half_width_ = 0.0;  // m, along y
-  std::vector<std::uint8_t> data_ = std::vector<std::uint8_t>(640 * 480 * 3);
+  std::vector<std::uint8_t> data_;
 };
 
 CameraModel Camera() { return {}; }
@@ -110,6 +116,27 @@ TEST(LineVisionTest, MeasuresWhatWasDrawnOnBothSidesOfTheLine) {
     EXPECT_NEAR(seen.p_cam_target.translation().z(), kDepth, 1e-4);
     EXPECT_GT(seen.confidence, 0.8);
   }
+}
+
+TEST(LineVisionTest, SeesMarksOfAnySizeThatTheCameraGives) {
+  Picture picture;
+  picture.camera = {
+      .width = 1920, .height = 1080, .fx = 2000, .fy = 2000, .cx = 959.5, .cy = 539.5};
+  picture.depth = 0.11;
+  LineVisionOptions options = Options();
+  options.p_cam_target.translation().z() = picture.depth;  // a mark covers 4150 pixels
+  picture.Draw();
+  LineVision vision(picture.camera, options);
+  std::vector<Eigen::Vector2d> marks;
+  ASSERT_TRUE(vision.FindMarks(picture.view(), marks));
+  for (std::size_t i = 0; i < marks.size(); ++i) {
+    const Eigen::Vector2d& on_target = picture.marks[i];
+    const Eigen::Vector3d p_cam(on_target.x(), -on_target.y(), picture.depth);
+    EXPECT_LT((marks[i] - picture.camera.Project(p_cam)).norm(), 0.05) << i;
+  }
+  const LineObservation seen =
+      vision.Observe(picture.view(), {Eigen::Vector3d::UnitZ(), Eigen::Vector3d(0, 0, 0.11)});
+  EXPECT_TRUE(seen.seen()) << Name(seen.missing);
 }
 
 TEST(LineVisionTest, NamesTheMissingFeature) {

@@ -14,13 +14,15 @@ void ColourBlobs::Split(const ImageView& image) {
   cv::split(view, channels.data());
 }
 
-void ColourBlobs::FindBlobs(double threshold) {
+void ColourBlobs::FindBlobs(double threshold, double max_area) {
   cv::threshold(excess, mask, threshold, 255.0, cv::THRESH_BINARY);
   const int count = cv::connectedComponentsWithStats(mask, labels, stats, centroids, 8, CV_16U);
   blobs.clear();
   for (int i = 1; i < count; ++i) {
     const int* row = stats.ptr<int>(i);
-    if (row[cv::CC_STAT_AREA] < 6 || row[cv::CC_STAT_AREA] > 4000) continue;
+    const int pixels = row[cv::CC_STAT_AREA];
+    // A third of a region's pixels count fully (Refine).
+    if (pixels < 6 || pixels > 3.0 * (max_area + 1.0)) continue;
     blobs.push_back(Refine(row, threshold));
   }
 }

@@ -114,15 +114,16 @@ struct LineVision::Impl : internal::ColourBlobs {
 
   // Writes NaN for marks that are not seen; returns the number seen.
   int MatchMarks(double threshold) {
+    const double max_area = 1.6 * mark_area;
     Excess(0);
-    FindBlobs(threshold);
+    FindBlobs(threshold, max_area);
     marks.assign(mark_pixels.size(), Eigen::Vector2d(kUnseen, kUnseen));
     // A blob is assigned to the mark with the nearest expected position. A motion of the target by
     // less than half the distance between two marks cannot confuse them.
     mark_distance.assign(mark_pixels.size(), mark_gate);
     int found = 0;
     for (const Blob& blob : blobs) {
-      if (!blob.round || blob.area < 0.6 * mark_area || blob.area > 1.6 * mark_area) continue;
+      if (!blob.round || blob.area < 0.6 * mark_area || blob.area > max_area) continue;
       std::size_t nearest = 0;
       for (std::size_t i = 1; i < mark_pixels.size(); ++i) {
         if ((blob.center - mark_pixels[i]).norm() < (blob.center - mark_pixels[nearest]).norm()) {
@@ -139,11 +140,12 @@ struct LineVision::Impl : internal::ColourBlobs {
   }
 
   bool MatchTip(double threshold, Blob& tip) {
+    const double max_area = 2.0 * tip_area;
     Excess(1);
-    FindBlobs(threshold);
+    FindBlobs(threshold, max_area);
     bool found = false;
     for (const Blob& blob : blobs) {
-      if (blob.area < 0.5 * tip_area || blob.area > 2.0 * tip_area || !blob.round) continue;
+      if (blob.area < 0.5 * tip_area || blob.area > max_area || !blob.round) continue;
       if (found) return false;  // two candidates: ambiguous
       tip = blob;
       found = true;
