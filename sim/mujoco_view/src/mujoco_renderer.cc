@@ -47,8 +47,6 @@ MujocoRenderer::~MujocoRenderer() = default;
 MujocoRenderer::MujocoRenderer(MujocoRenderer&&) noexcept = default;
 MujocoRenderer& MujocoRenderer::operator=(MujocoRenderer&&) noexcept = default;
 
-const std::string& MujocoRenderer::backend() const noexcept { return impl_->gl->name(); }
-
 void MujocoRenderer::ShowGroup(int group, bool visible) {
   DFR_THROW_UNLESS(group >= 0 && group < mjNGROUP,
                    "a group of geoms lies in [0, " << mjNGROUP << "), not " << group);

@@ -36,8 +36,6 @@ PusherRenderer::~PusherRenderer() = default;
 PusherRenderer::PusherRenderer(PusherRenderer&&) noexcept = default;
 PusherRenderer& PusherRenderer::operator=(PusherRenderer&&) noexcept = default;
 
-const std::string& PusherRenderer::backend() const noexcept { return impl_->renderer.backend(); }
-
 void PusherRenderer::Draw(const PusherPlant& plant, std::span<std::uint8_t> rgb) {
   impl_->renderer.Draw(*plant.data().mj, rgb);
 }

@@ -52,9 +52,6 @@ class MujocoRenderer {
   /// Sets whether geoms of `group` (0 to 5) are drawn. Initially groups 0 to 2 are drawn.
   void ShowGroup(int group, bool visible);
 
-  /// Returns "OSMesa", "EGL" or "GLFW".
-  [[nodiscard]] const std::string& backend() const noexcept;
-
  private:
   struct Impl;
   std::unique_ptr<Impl> impl_;

@@ -41,9 +41,6 @@ class PusherRenderer {
   /// @pre rgb.size() == 3 * width * height
   void Draw(const PusherPlant& plant, std::span<std::uint8_t> rgb);
 
-  /// Returns "OSMesa" or "EGL".
-  [[nodiscard]] const std::string& backend() const noexcept;
-
  private:
   struct Impl;
   std::unique_ptr<Impl> impl_;
