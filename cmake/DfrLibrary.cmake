@@ -7,7 +7,10 @@ if(PROJECT_IS_TOP_LEVEL)
   set(CMAKE_RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/bin)
   set(CMAKE_EXPORT_COMPILE_COMMANDS ON)
 endif()
-if(DFR_PRECOMPILE AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
+if(NOT CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
+  # CMake gives a precompiled header one name for C and C++. A folder with C may have another compiler for C.
+  set(DFR_PRECOMPILE OFF)
+elseif(DFR_PRECOMPILE)
   # GCC collects garbage only from a heap of 1 GiB on. A large unit then compiles in a seventh less time.
   add_compile_options(--param=ggc-min-heapsize=1048576 --param=ggc-min-expand=300)
   # gold links the test programs in a third of the time of bfd. Both come with binutils.
@@ -24,8 +27,9 @@ add_library(dfr_build_flags INTERFACE)
 target_compile_options(dfr_build_flags INTERFACE
   -Wall -Wextra -Wpedantic -Wshadow -Wnon-virtual-dtor -Woverloaded-virtual
   $<$<BOOL:${DFR_WERROR}>:-Werror>
-  # Sources that are compiled as one unit share its anonymous namespace.
-  $<$<BOOL:${CMAKE_UNITY_BUILD}>:-Wno-subobject-linkage>)
+  # Sources that are compiled as one unit share its anonymous namespace. GCC and Clang report different effects.
+  $<$<AND:$<CXX_COMPILER_ID:GNU>,$<BOOL:${CMAKE_UNITY_BUILD}>>:-Wno-subobject-linkage>
+  $<$<AND:$<CXX_COMPILER_ID:Clang>,$<BOOL:${CMAKE_UNITY_BUILD}>>:-Wno-shadow>)
 if(DFR_SANITIZE)
   target_compile_options(dfr_build_flags INTERFACE -fsanitize=${DFR_SANITIZE} -fno-omit-frame-pointer)
   target_link_options(dfr_build_flags INTERFACE -fsanitize=${DFR_SANITIZE})
