@@ -89,13 +89,16 @@ double SafetyFilter::Raise(LocalFit& fit, const LocalModel& model, const StepTar
   const double level = AscendSupport(model, target, limits_, v);
   if (!least_) return level;
   bool changed = false;
-  if (task_.support().LogDecision(target.phase - 1, fit.z(), {}) >= -pass_depth_) {
-    for (Eigen::Index k = 0; k < v.size(); ++k) {
-      const double most = guided::kLocalReach * fit.DemonstratedSize(k);
-      const double limited = std::clamp(v[k], std::min(from_[k], -most), std::max(from_[k], most));
-      changed = changed || limited != v[k];
-      v[k] = limited;
+  for (Eigen::Index k = 0; k < v.size(); ++k) {
+    const double most = guided::kLocalReach * fit.DemonstratedSize(k);
+    const double limited = std::clamp(v[k], std::min(from_[k], -most), std::max(from_[k], most));
+    if (limited == v[k]) continue;
+    // Evaluates the support once, and only if an entry is beyond its limit.
+    if (!changed && !(task_.support().LogDecision(target.phase - 1, fit.z(), {}) >= -pass_depth_)) {
+      break;
     }
+    changed = true;
+    v[k] = limited;
   }
   for (Eigen::Index k = 0; k < v.size(); ++k) {
     const double step = v[k] - from_[k];
