@@ -77,7 +77,8 @@ bool SafetyFilter::Idle(const LocalFit& fit, const Choice& choice, const StepTar
 
 bool SafetyFilter::Rests(const LocalFit& fit) const noexcept {
   const double effect = fit.jacobian().squaredNorm() / static_cast<double>(fit.jacobian().cols());
-  return !disturbed_ &&
+  // Without a known effect, nothing shows that the world rests.
+  return !disturbed_ && effect > 0.0 &&
          fit.drift().squaredNorm() <= guided::kRestDrift * guided::kRestDrift * effect;
 }
 

@@ -25,11 +25,11 @@ namespace dfr::control {
 /// step". SafetyFilter implements steps 1 to 4, PhaseTracker step 5, HaltRule step 6. Two steps
 /// differ with GuidedOptions::least_intervention:
 ///
-///   1. The learned control passes at a predicted level of Levels::pass() or more. If the state
-///      stays at the edge longer than in demonstrations, this level rises to Levels::gate(). A
-///      learned control also passes if it reaches this level in the present phase and a lower
-///      level in the next: a slow robot must not be hurried. The phase then stays, but not twice
-///      in a row.
+///   1. The learned control passes at a predicted level of Levels::pass() or more, in a world at
+///      rest of Levels::pass() - Levels::pass_depth() or more. If the state stays at the edge
+///      longer than in demonstrations, this level rises to Levels::gate(). A learned control also
+///      passes if it reaches this level in the present phase and a lower level in the next: a slow
+///      robot must not be hurried. The phase then stays, but not twice in a row.
 ///   5. If a phase lasts half of GuidedOptions::patience controls and the state is outside its
 ///      support by more than the exit level, the task continues from the phase whose support
 ///      contains the state most deeply, if any. Each search evaluates all supports. An episode has

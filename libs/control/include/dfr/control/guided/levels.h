@@ -87,8 +87,8 @@ class Levels {
   /// Returns the median of l_t over demonstrated states, >= 0.
   [[nodiscard]] double median(int t) const noexcept { return Clamped(median_, t); }
   /// Returns the depth >= 0 below pass() down to which the learned control passes in a world at
-  /// rest: the supervisor's own states lie that far outside a support fitted without them. Equals
-  /// 0 before SetHeldOut().
+  /// rest: 5 % of the supervisor's states lie at least that far outside a support fitted without
+  /// them. Equals 0 before SetHeldOut().
   [[nodiscard]] double pass_depth() const noexcept { return pass_depth_; }
   /// Returns LevelOptions::slack.
   [[nodiscard]] double slack() const noexcept { return slack_; }
