@@ -91,6 +91,7 @@ std::map<std::string, double> InTheCode() {
           {"guided::kIdleAtRest", control::guided::kIdleAtRest},
           {"guided::kRestDrift", control::guided::kRestDrift},
           {"guided::kPassDepthQuantile", control::guided::kPassDepthQuantile},
+          {"guided::kDepthCorrections", control::guided::kDepthCorrections},
           {"guided::kLocalReach", control::guided::kLocalReach},
           {"guided::kUnknown", control::guided::kUnknown},
           {"guided::kMaxExitLevel", control::guided::kMaxExitLevel},

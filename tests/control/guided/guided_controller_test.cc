@@ -10,6 +10,7 @@
 #include <limits>
 #include <span>
 #include <stdexcept>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -276,6 +277,42 @@ TEST_F(GuidedControllerTest, AStayAtTheEdgeRaisesThePassLevelOverTenSteps) {
     between += share > 0.0 && share < 1.0 ? 1 : 0;
   }
   EXPECT_GT(between, 5);
+}
+
+// Each state is at the center of its support. The policy moves to the side: to a level above the
+// pass level (c), between it and the pass depth (d), or farther (f).
+TEST_F(GuidedControllerTest, AfterTwoCorrectionsInARowThePassDepthWaitsForAPassInside) {
+  constexpr double kDepth = 0.3;
+  test::Task task{test::IdentityFeatures(), support, Rightwards()};
+  task.levels.SetHeldOut(std::vector{HeldOutLevels{.levels = {-kDepth}, .phases = {0}}});
+  double level = 0.0;
+  const test::FunctionPolicy aside(
+      2, 2, [&](int, std::span<const double>, std::span<double> learned) {
+        std::ranges::copy(std::array{test::kSpeed, std::sqrt((std::log(2.0) - level) / 4.0)},
+                          learned.begin());
+      });
+  GuidedController guided(
+      aside, task,
+      {.least_intervention = true, .probe_size = 0.0, .online_weight = 0.0, .observer = false});
+  constexpr std::string_view kMoves = "dfdffdfddcdffcd";
+  constexpr std::string_view kPassed = "d.d......cd..cd";
+  for (int episode = 0; episode < 2; ++episode) {
+    guided.Reset(1);
+    for (std::size_t n = 0; n < kMoves.size(); ++n) {
+      const double pass = task.levels.pass(static_cast<int>(n) + 1);
+      level = pass + (kMoves[n] == 'c' ? 0.04 : kMoves[n] == 'd' ? -0.5 * kDepth : -2.0 * kDepth);
+      const std::vector<double> x = {static_cast<double>(n) * test::kSpeed, 0.0};
+      const Step step = guided.Next(x, u);
+      ASSERT_EQ(step.t, static_cast<int>(n));
+      EXPECT_NEAR(step.log_learned, level, 0.05) << n;
+      EXPECT_EQ(step.mode == Mode::kPolicy && !step.filtered, kPassed[n] != '.') << n;
+    }
+    // A new episode begins without corrections.
+    level = task.levels.pass(1) - 2.0 * kDepth;
+    for (const double t : {15.0, 16.0, 17.0}) {
+      static_cast<void>(guided.Next(std::vector{t * test::kSpeed, 0.0}, u));
+    }
+  }
 }
 
 // A wrong measurement shows the point far outside, and the next one inside again. Neither the jump

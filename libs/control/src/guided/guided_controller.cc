@@ -40,6 +40,7 @@ void GuidedController::DoReset(std::uint64_t /*seed*/) noexcept {
   tracker_.Reset(options_.first_step);
   progress_ = {};
   at_edge_.Reset();
+  corrections_ = 0;
   relocations_ = 0;
 }
 
@@ -102,8 +103,9 @@ Step GuidedController::Decide(Step step, std::span<double> u) noexcept {
   v_ = learned_;
   estimate_.FitAt(step.t, AsSpan(z_), fit_);
   stay_level_ = StayLevel(step);
+  const bool to_depth = corrections_ < guided::kDepthCorrections;
   const SafetyFilter::Choice choice =
-      filter_.Filter(fit_, {step.t + 1, hi}, step.log_threshold, v_, stay_level_);
+      filter_.Filter(fit_, {step.t + 1, hi}, step.log_threshold, v_, stay_level_, to_depth);
   step.mode = choice.mode;
   step.log_learned = choice.learned;
   stays_ = choice.stays;
@@ -116,6 +118,7 @@ Step GuidedController::Decide(Step step, std::span<double> u) noexcept {
   moved_to_ = tracker_;
   chosen_ = v_;
   const bool passes = step.mode == Mode::kPolicy && within && v_ == learned_;
+  corrections_ = passes ? 0 : corrections_ + 1;
   at_edge_.Add(passes && step.log_g < task_.levels().edge(step.t));
   step.filtered = step.mode == Mode::kPolicy && !passes;
   // A control that passes is unchanged to the bit.

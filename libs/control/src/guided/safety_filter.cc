@@ -34,8 +34,8 @@ SafetyFilter::SafetyFilter(const TaskView& task, const GuidedOptions& options)
 }
 
 SafetyFilter::Choice SafetyFilter::Filter(LocalFit& fit, const StepTarget& target,
-                                          double pass_level, Eigen::VectorXd& v,
-                                          double stay_level) noexcept {
+                                          double pass_level, Eigen::VectorXd& v, double stay_level,
+                                          bool to_depth) noexcept {
   const LocalModel model{task_.support(), fit};
   const double learned = model.Level(target.phase, v);
   Choice choice{Mode::kPolicy, learned, learned};
@@ -44,7 +44,7 @@ SafetyFilter::Choice SafetyFilter::Filter(LocalFit& fit, const StepTarget& targe
       const double here = model.Level(target.phase - 1, v);
       if (here >= stay_level && here > learned) return {Mode::kPolicy, learned, learned, true};
     }
-    if (learned >= pass_level - pass_depth_ && Rests(fit)) return choice;
+    if (to_depth && learned >= pass_level - pass_depth_ && Rests(fit)) return choice;
     learned_ = v;
     choice = Correct(fit, model, target, v);
     choice.learned = learned;

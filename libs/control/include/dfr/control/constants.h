@@ -72,6 +72,9 @@ inline constexpr double kLeastEdgeStay = 10.0;
 inline constexpr double kEdgeRamp = 10.0;
 /// Levels::pass_depth(): minus this quantile of l over held-out demonstrated states.
 inline constexpr double kPassDepthQuantile = 0.05;
+/// GuidedController: after this number of consecutive corrections no control passes at the pass
+/// depth until a control passes without it. A policy that leaves the support does so repeatedly.
+inline constexpr int kDepthCorrections = 2;
 /// GuidedController: maximum number of relocations of the phase in an episode.
 inline constexpr int kMostRelocations = 2;
 

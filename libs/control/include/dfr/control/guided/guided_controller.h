@@ -26,10 +26,11 @@ namespace dfr::control {
 /// differ with GuidedOptions::least_intervention:
 ///
 ///   1. The learned control passes at a predicted level of Levels::pass() or more, in a world at
-///      rest of Levels::pass() - Levels::pass_depth() or more. If the state stays at the edge
-///      longer than in demonstrations, this level rises to Levels::gate(). A learned control also
-///      passes if it reaches this level in the present phase and a lower level in the next: a slow
-///      robot must not be hurried. The phase then stays, but not twice in a row.
+///      rest of Levels::pass() - Levels::pass_depth() or more, but not after
+///      guided::kDepthCorrections corrections until a control passes. If the state stays at the
+///      edge longer than in demonstrations, this level rises to Levels::gate(). A learned control
+///      also passes if it reaches this level in the present phase and a lower level in the next: a
+///      slow robot must not be hurried. The phase then stays, but not twice in a row.
 ///   5. If a phase lasts half of GuidedOptions::patience controls and the state is outside its
 ///      support by more than the exit level, the task continues from the phase whose support
 ///      contains the state most deeply, if any. Each search evaluates all supports. An episode has
@@ -100,7 +101,8 @@ class GuidedController final : public Controller {
   PhaseTracker chose_in_;  ///< tracker_ as it was when the last control was chosen.
   PhaseTracker moved_to_;  ///< tracker_ after that choice.
   Progress progress_;
-  EdgeStay at_edge_;  ///< Counts steps at the edge whose learned control passed.
+  EdgeStay at_edge_;     ///< Counts steps at the edge whose learned control passed.
+  int corrections_ = 0;  ///< Consecutive controls that did not pass.
   int relocations_ = 0;
   bool stays_ = false;       ///< The control of this step stays in the phase.
   double stay_level_ = 0.0;  ///< StayLevel() of this step.

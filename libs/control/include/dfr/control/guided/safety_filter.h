@@ -29,14 +29,16 @@ class SafetyFilter {
   /// the state of `fit`. `target` is the next phase and its Levels::gate(). `v` is unchanged if its
   /// predicted level in the next phase is at least `pass_level`, or if its level in the present
   /// phase is at least `stay_level` and higher than in the next phase. With least intervention, in
-  /// a world at rest, `pass_level` minus the pass depth suffices. `v` is also unchanged if the
-  /// corrected control would still end below `pass_level`, differs by at most guided::kIdle (in a
-  /// world at rest, if `v` does not lower the level, kIdleAtRest), gains no more than target.level
+  /// a world at rest, and if `to_depth`, `pass_level` minus the pass depth suffices. `v` is also
+  /// unchanged if the corrected control would still end below `pass_level`, differs by at most
+  /// guided::kIdle (in a world at rest, if `v` does not lower the level, kIdleAtRest), gains no
+  /// more than target.level
   /// - pass_level, and does not lead back inside. kRecovery: `v` does not come from the learned
   /// control. kProbe: `v` is a probe.
   [[nodiscard]] Choice Filter(LocalFit& fit, const StepTarget& target, double pass_level,
                               Eigen::VectorXd& v,
-                              double stay_level = std::numeric_limits<double>::infinity()) noexcept;
+                              double stay_level = std::numeric_limits<double>::infinity(),
+                              bool to_depth = true) noexcept;
 
   /// Returns the exit level >= 0: a control that passes may end outside by at most this level.
   [[nodiscard]] double max_exit_level() const noexcept { return max_exit_level_; }
