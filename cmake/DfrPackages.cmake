@@ -3,7 +3,7 @@
 
 # Names of dependencies in CMake, with their pkg-config modules or flags.
 set(DFR_PKG_CONFIG_MODULES
-  "Eigen3::Eigen=eigen3" "hwy::hwy=libhwy" "hdf5::hdf5=hdf5-serial" "glfw=glfw3" "OpenSSL::Crypto=libcrypto"
+  "Eigen3::Eigen=eigen3" "hwy::hwy=libhwy" "hdf5::hdf5=hdf5-serial" "OpenSSL::Crypto=libcrypto"
   "Snappy::snappy=snappy" "Snappy::snappy-static=snappy" "zstd::libzstd_shared=libzstd" "zstd::libzstd_static=libzstd")
 set(DFR_PKG_CONFIG_FLAGS
   "Threads::Threads=-pthread" "dl=-ldl" "Ceres::ceres=-lceres -lglog" "mujoco::mujoco=-lmujoco"

@@ -245,25 +245,6 @@ void AddRender(CLI::App& app, RenderOptions& options) {
   command.callback([&options] { RunRender(options); });
 }
 
-void AddView(CLI::App& app, ViewOptions& options) {
-  options.scene.plant.disturbance.wave = sim::Wave::kRandom;
-  CLI::App& command =
-      *app.add_subcommand("view", "Show episodes in a window, with the results of vision");
-  command.add_option("--model", options.model, "folder written by fit")->capture_default_str();
-  command.add_option("--method", options.method, "method, as for render")->capture_default_str();
-  command
-      .add_option("--seed", options.seed,
-                  "random seed of the first episode; each further one adds 1")
-      ->capture_default_str();
-  command
-      .add_option("--episodes", options.episodes,
-                  "number of episodes; 0: until the window is closed")
-      ->check(dfr::apps::kNotNegative)
-      ->capture_default_str();
-  AddScene(command, options.scene, true);
-  command.callback([&options] { RunView(options); });
-}
-
 void AddVision(CLI::App& app, VisionOptions& options) {
   options.scene.plant.disturbance.wave = sim::Wave::kRandom;
   CLI::App& command = *app.add_subcommand(
@@ -285,7 +266,7 @@ int Main(int argc, char** argv) {
       "left;\n"
       "10 mm times the line's angle in rad); controls are displacements of the tool in x and y in\n"
       "units of 2 mm, within [-1, 1]. By default each command uses the files of the earlier ones:\n"
-      "calibrate, demonstrate, fit, run, render, view. experiment needs none of them.",
+      "calibrate, demonstrate, fit, run, render. experiment needs none of them.",
       "line_tracking");
   apps::AddVersion(app);
   app.require_subcommand(1);
@@ -298,7 +279,6 @@ int Main(int argc, char** argv) {
   ReplayOptions replay;
   LaunchOptions launch;
   RenderOptions render;
-  ViewOptions view;
   VisionOptions vision;
   AddExperiment(app, compared);
   AddCalibrate(app, calibrate);
@@ -308,7 +288,6 @@ int Main(int argc, char** argv) {
   AddReplay(app, replay);
   AddLaunch(app, launch);
   AddRender(app, render);
-  AddView(app, view);
   AddVision(app, vision);
   core::AddExamples(
       app, {{"experiment",
@@ -320,7 +299,6 @@ int Main(int argc, char** argv) {
             {"replay", {"recordings/20260102-030405.mcap --model model"}},
             {"launch", {"--config simulator.toml --episodes 3"}},
             {"render", {"--model model --out episode.mp4"}},
-            {"view", {"--model model --method controller"}},
             {"vision", {"--calibration none --episodes 5"}}});
 
   // One thread per trial is enough; OpenCV's threads would only wait for each other.

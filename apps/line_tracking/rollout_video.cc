@@ -61,18 +61,12 @@ void DrawSeen(cv::Mat& picture, const LineTrackingPlant& plant) {
 
 }  // namespace
 
-std::vector<std::uint8_t> DrawWhatVisionSees(const LineTrackingPlant& plant) {
-  std::vector<std::uint8_t> bgr(plant.endoscope().image_size());
-  plant.RenderEndoscope(bgr);
-  cv::Mat picture(kHeight, kWidth, CV_8UC3, bgr.data());
-  DrawSeen(picture, plant);
-  return bgr;
-}
-
 void DrawBothViews(const LineTrackingPlant& plant, std::span<std::uint8_t> rgb) {
   cv::Mat picture(kHeight, 2 * kWidth, CV_8UC3, rgb.data());
-  std::vector<std::uint8_t> bytes = DrawWhatVisionSees(plant);
-  const cv::Mat view(kHeight, kWidth, CV_8UC3, bytes.data());
+  std::vector<std::uint8_t> bytes(plant.endoscope().image_size());
+  cv::Mat view(kHeight, kWidth, CV_8UC3, bytes.data());
+  plant.RenderEndoscope(bytes);
+  DrawSeen(view, plant);
   cv::cvtColor(view, picture(cv::Rect(0, 0, kWidth, kHeight)), cv::COLOR_BGR2RGB);
   plant.RenderOutside(bytes);
   view.copyTo(picture(cv::Rect(kWidth, 0, kWidth, kHeight)));

@@ -4,16 +4,12 @@
 #include <filesystem>
 #include <span>
 #include <string>
-#include <vector>
 
 #include "apps/rollout_video.h"
 #include "dfr/control/rollout.h"
 #include "trial_runner.h"
 
 namespace dfr::apps::line_tracking {
-
-/// Renders the endoscope's picture and adds the last results of vision: BGR, rows from the top.
-[[nodiscard]] std::vector<std::uint8_t> DrawWhatVisionSees(const sim::LineTrackingPlant& plant);
 
 /// Size of DrawBothViews()'s picture.
 inline constexpr int kPictureWidth = 1280;

@@ -67,12 +67,4 @@ struct RenderOptions {
 };
 void RunRender(const RenderOptions& options);
 
-struct ViewOptions {
-  std::filesystem::path model = "model";
-  std::string method = "controller";
-  std::uint64_t seed = 1;
-  sim::PusherOptions plant;
-};
-void RunView(const ViewOptions& options);
-
 }  // namespace dfr::apps::pusher

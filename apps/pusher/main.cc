@@ -206,17 +206,6 @@ void AddRender(CLI::App& app, RenderOptions& options) {
   command->callback([&options] { RunRender(options); });
 }
 
-void AddView(CLI::App& app, ViewOptions& options) {
-  CLI::App* command = app.add_subcommand("view", "Show rollouts in a window; needs a display");
-  command->add_option("--model", options.model, "folder written by fit")->capture_default_str();
-  command->add_option("--method", options.method, "method that controls the arm, as for evaluate")
-      ->capture_default_str();
-  command->add_option("--seed", options.seed, "random seed of the first start state")
-      ->capture_default_str();
-  AddScene(*command, options.plant);
-  command->callback([&options] { RunView(options); });
-}
-
 int Main(int argc, char** argv) {
   CLI::App app(
       "The Pusher experiment: a 7-joint arm pushes a cylinder over a goal, past two red regions\n"
@@ -233,14 +222,12 @@ int Main(int argc, char** argv) {
   FitOptions fit;
   EvaluateOptions evaluate;
   RenderOptions render;
-  ViewOptions view;
   AddExperiment(app, compared);
   AddTrainSupervisor(app, train);
   AddDemonstrate(app, demonstrate);
   AddFit(app, fit);
   AddEvaluate(app, evaluate);
   AddRender(app, render);
-  AddView(app, view);
   core::AddExamples(
       app, {{"experiment",
              {"--out out/pusher",
@@ -249,8 +236,7 @@ int Main(int argc, char** argv) {
             {"demonstrate", {"--count 60 --out demonstrations.hdf5"}},
             {"fit", {"--demonstrations demonstrations.hdf5 --use 40 --out model"}},
             {"evaluate", {"--model model --methods baseline,dfr,controller --episodes 100"}},
-            {"render", {"--model model --methods baseline,dfr --out rollout.mp4"}},
-            {"view", {"--model model --method controller"}}});
+            {"render", {"--model model --methods baseline,dfr --out rollout.mp4"}}});
 
   return experiment::Parse(app, argc, argv, {".mp4", ".webm"}).value_or(EXIT_SUCCESS);
 }

@@ -2,10 +2,8 @@
 #include <string>
 #include <vector>
 
-#include "apps/window_observer.h"
 #include "commands.h"
 #include "dfr/core/random.h"
-#include "dfr/sim/pusher/pusher_view.h"
 #include "trial_runner.h"
 
 namespace dfr::apps::pusher {
@@ -33,22 +31,6 @@ void RunRender(const RenderOptions& options) {
                 video.result.recovery_controls());
   }
   std::printf("%s\n", options.out.c_str());
-}
-
-void RunView(const ViewOptions& options) {
-  const safety::Method method = study::ParseMethod(options.method, study::kLoadedMethods);
-  PusherTrialRunner runner(Model::Load(options.model), {method}, options.plant, {});
-  sim::PusherWindow window(runner.plant(), "pusher: " + options.method);
-  bool open = true;
-  for (std::uint64_t episode = 0; open; ++episode) {
-    const std::uint64_t seed = options.seed + episode;
-    const std::string title = options.method + ", start state " + std::to_string(seed);
-    WindowObserver observer([&](const std::string& text, double seconds) {
-      return window.Show(runner.plant(), title, text, seconds);
-    });
-    runner.RunObserved(0, seed, core::DeriveSeed(seed, {1}), &observer);
-    open = observer.open();
-  }
 }
 
 }  // namespace dfr::apps::pusher

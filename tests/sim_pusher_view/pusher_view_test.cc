@@ -1,7 +1,6 @@
 #include "dfr/sim/pusher/pusher_view.h"
 
 #include <dlfcn.h>
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <array>
@@ -100,18 +99,6 @@ TEST(PusherViewTest, RefusesASizeThatItCannotDraw) {
   const PusherPlant plant;
   EXPECT_THROW(PusherRenderer(plant, {.width = 8, .height = 480}), std::invalid_argument);
   EXPECT_THROW(PusherRenderer(plant, {.width = 640, .height = 5000}), std::invalid_argument);
-}
-
-TEST(PusherWindowTest, WithoutADisplayItNamesTheAlternative) {
-  unsetenv("DISPLAY");
-  unsetenv("WAYLAND_DISPLAY");
-  const PusherPlant plant;
-  try {
-    const PusherWindow window(plant, "test");
-    FAIL() << "a window opened without a display";
-  } catch (const std::runtime_error& e) {
-    EXPECT_THAT(e.what(), testing::HasSubstr("use pusher render"));
-  }
 }
 
 }  // namespace

@@ -109,15 +109,6 @@ struct RenderOptions {
 };
 void RunRender(const RenderOptions& options);
 
-struct ViewOptions {
-  SceneOptions scene;
-  std::filesystem::path model = "model";
-  std::string method = "controller";
-  std::uint64_t seed = 1;
-  int episodes = 0;  ///< 0: until the window is closed.
-};
-void RunView(const ViewOptions& options);
-
 struct VisionOptions {
   SceneOptions scene;
   int episodes = 10;

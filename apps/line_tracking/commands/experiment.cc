@@ -360,7 +360,7 @@ void RunExperiment(const ExperimentOptions& options) {
   experiment::PrintTable(probes, std::cout);
   std::cout << '\n'
             << (options.out / "report.html").string() << " and summary.json written, with the "
-            << "first trial's model and calibration.dfr for run, render and view\n";
+            << "first trial's model and calibration.dfr for run and render\n";
 }
 
 }  // namespace dfr::apps::line_tracking

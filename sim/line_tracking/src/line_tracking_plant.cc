@@ -393,8 +393,6 @@ void LineTrackingPlant::RenderOutside(std::span<std::uint8_t> rgb) const {
   }
 }
 
-const internal::GauzeLine& LineTrackingPlant::line() const noexcept { return state_->line; }
-
 void LineTrackingPlant::Observe(std::span<double> state) const noexcept {
   std::copy(state_->observed.begin(), state_->observed.end(), state.begin());
 }

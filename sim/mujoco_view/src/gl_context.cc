@@ -158,27 +158,16 @@ std::shared_ptr<GlContext> MakeOffscreen() {
   }
 }
 
-std::weak_ptr<GlContext>& ThreadContext() {
-  thread_local std::weak_ptr<GlContext> context;
-  return context;
-}
-
 }  // namespace
 
 std::shared_ptr<GlContext> GlContext::OfThisThread() {
-  std::shared_ptr<GlContext> context = ThreadContext().lock();
+  thread_local std::weak_ptr<GlContext> shared;
+  std::shared_ptr<GlContext> context = shared.lock();
   if (context == nullptr) {
     context = MakeOffscreen();
-    ThreadContext() = context;
+    shared = context;
   }
   return context;
-}
-
-void GlContext::Adopt(const std::shared_ptr<GlContext>& window) {
-  if (!ThreadContext().expired()) {
-    throw std::logic_error("a window must be opened before anything else is drawn on its thread");
-  }
-  ThreadContext() = window;
 }
 
 }  // namespace dfr::sim::internal

@@ -62,7 +62,7 @@ void MujocoRenderer::DrawBottomUp(const mjData& data, std::span<std::uint8_t> rg
   const mjrRect viewport = {0, 0, impl.options.width, impl.options.height};
   impl.scene.Update(data);
   if (impl.options.decorate) impl.options.decorate(impl.scene.scene);
-  // Another renderer or a window of this thread may have drawn in between.
+  // Another renderer of this thread may have drawn in between.
   mjr_restoreBuffer(&impl.scene.context);
   impl.scene.Render(viewport);
   mjr_readPixels(rgb.data(), nullptr, viewport, &impl.scene.context);

@@ -19,10 +19,6 @@
 
 namespace dfr::sim {
 
-namespace internal {
-struct GauzeLine;
-}  // namespace internal
-
 /// Source of the state that Observe() returns.
 enum class Observation {
   kVision,       ///< Estimate from the endoscope's image.
@@ -200,13 +196,11 @@ class LineTrackingPlant final : public core::SimulatedPlant {
   [[nodiscard]] core::Matrix OpenLoopControls(int steps, double step_m) const;
 
  private:
-  friend class LineTrackingWindow;
   struct World;
   struct State;
   struct Simulation;
   explicit LineTrackingPlant(std::shared_ptr<const World> world);
   void Place() noexcept;
-  [[nodiscard]] const internal::GauzeLine& line() const noexcept;
   void Travel(const kinematics::PsmJoints& from, const kinematics::PsmJoints& to,
               double duration_s) noexcept;
 

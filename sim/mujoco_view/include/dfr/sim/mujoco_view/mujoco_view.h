@@ -1,6 +1,5 @@
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -27,7 +26,6 @@ struct MujocoRendererOptions {
 
 /// Draws a MuJoCo model without a display, in software by OSMesa or through EGL. Uses EGL if OSMesa
 /// fails or the environment variable DFR_GL is egl; the first choice applies to the whole process.
-/// On a thread with an open MujocoWindow, uses the window's context.
 ///
 /// Each object belongs to the thread that made it; a thread may have several. Borrows the model.
 class MujocoRenderer {
@@ -51,47 +49,6 @@ class MujocoRenderer {
   void UploadTexture(int texture);
   /// Sets whether geoms of `group` (0 to 5) are drawn. Initially groups 0 to 2 are drawn.
   void ShowGroup(int group, bool visible);
-
- private:
-  struct Impl;
-  std::unique_ptr<Impl> impl_;
-};
-
-/// Options for MujocoWindow.
-struct MujocoWindowOptions {
-  std::string title = {};
-  std::string instead = {};  ///< Alternative without a display, as the end of an error message.
-  std::array<double, 3> look_at = {};  ///< m
-  double distance = 1.0;               ///< Distance from `look_at`, m.
-  double azimuth = 90.0;               ///< degrees
-  double elevation = -45.0;            ///< degrees
-};
-
-/// A picture in a corner of a window: RGB bytes, top row first. Borrowed.
-struct Inset {
-  std::span<const std::uint8_t> rgb = {};
-  int width = 0;
-  int height = 0;
-};
-
-/// A window that shows a MuJoCo model; the mouse turns, moves and zooms the view. Open it before
-/// drawing anything else on its thread, which then uses its context. Borrows the model.
-class MujocoWindow {
- public:
-  /// @throws std::runtime_error if there is no display; the message names the alternative.
-  MujocoWindow(const mjModel_& model, const MujocoWindowOptions& options);
-  ~MujocoWindow();
-  MujocoWindow(const MujocoWindow&) = delete;
-  MujocoWindow& operator=(const MujocoWindow&) = delete;
-
-  /// Draws the positions of `data` with up to two lines of text and an optional picture in the
-  /// lower right corner. Handles input for `seconds`.
-  /// @return false once the window has been closed.
-  bool Show(const mjData_& data, const std::string& first_line, const std::string& second_line,
-            double seconds, const Inset& inset = {});
-
-  /// Uploads the model's current pixels of a texture.
-  void UploadTexture(int texture);
 
  private:
   struct Impl;

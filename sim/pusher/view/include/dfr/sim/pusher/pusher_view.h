@@ -46,23 +46,4 @@ class PusherRenderer {
   std::unique_ptr<Impl> impl_;
 };
 
-/// A window that shows a Pusher; the mouse turns, moves and zooms the view.
-class PusherWindow {
- public:
-  /// @throws std::runtime_error if there is no display; the message explains rendering without one.
-  PusherWindow(const PusherPlant& plant, const std::string& title);
-  ~PusherWindow();
-  PusherWindow(const PusherWindow&) = delete;
-  PusherWindow& operator=(const PusherWindow&) = delete;
-
-  /// Draws the plant with up to two lines of text and handles input for `seconds`.
-  /// @return false once the window has been closed.
-  bool Show(const PusherPlant& plant, const std::string& first_line, const std::string& second_line,
-            double seconds);
-
- private:
-  struct Impl;
-  std::unique_ptr<Impl> impl_;
-};
-
 }  // namespace dfr::sim
