@@ -11,7 +11,16 @@ elseif(NOT failed)
   execute_process(COMMAND git -C ${SOURCE} status --porcelain --untracked-files=no
     OUTPUT_VARIABLE changes ERROR_QUIET)
   if(changes)
-    string(APPEND commit "+changes")
+    # Different edits need different names: a ledger resumes only under its own. An untracked file takes part
+    # in a build only if a tracked file names it.
+    execute_process(COMMAND git -C ${SOURCE} diff HEAD --binary --no-ext-diff --no-textconv --no-color
+      OUTPUT_VARIABLE diff ERROR_QUIET)
+    execute_process(COMMAND git -C ${SOURCE} ls-files --others --exclude-standard -- *.h *.cc *.css *.cmake
+      COMMAND git -C ${SOURCE} hash-object --stdin-paths
+      OUTPUT_VARIABLE untracked ERROR_QUIET)
+    string(SHA1 hash "${diff}${untracked}")
+    string(SUBSTRING ${hash} 0 8 hash)
+    string(APPEND commit "+changes.${hash}")
   endif()
 endif()
 file(CONFIGURE OUTPUT ${OUTPUT} CONTENT [[

@@ -77,7 +77,7 @@ class ExitCodesTest(unittest.TestCase):
             with self.subTest(program=program.name):
                 done = self.run_program(program, "--version")
                 self.assertEqual((done.returncode, done.stderr), (0, ""))
-                self.assertRegex(done.stdout, r"\A\d+\.\d+\.\d+ \((unknown|[0-9a-f]+(\+changes)?)\)\n\Z")
+                self.assertRegex(done.stdout, r"\A\d+\.\d+\.\d+ \((unknown|[0-9a-f]+(\+changes\.[0-9a-f]{8})?)\)\n\Z")
 
     def test_usage_errors_give_two_and_one_line_with_the_closest_name(self):
         for program in PROGRAMS:
