@@ -95,9 +95,9 @@ void MergeLedgers(const std::vector<std::filesystem::path>& shards,
       if (found->second.fingerprint != fingerprint) {
         Fail(path, "has results of " + NameOf(unit) + " that differ from those in " +
                        found->second.from.string() +
-                       "; run one of the two again with the same build");
+                       "; run one of the two again with the same build and instruction set");
       }
-      // Only times differ: any order of the shards must give the same file.
+      // Only times and rounding differ: any order of the shards must give the same file.
       found->second.text = std::min(found->second.text, text);
     }
   }

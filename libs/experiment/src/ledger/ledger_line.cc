@@ -1,6 +1,7 @@
 #include "ledger/ledger_line.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
@@ -200,11 +201,22 @@ LedgerRecord RecordFrom(const Json& json, const EvaluationPlan& plan) {
   return record;
 }
 
+// Rounds 1 + |value| to 30 binary digits: instruction sets differ in the last bits.
+double RoundedResult(double value) {
+  int exponent = 0;
+  const double mantissa = std::frexp(1.0 + std::abs(value), &exponent);
+  return std::copysign(std::ldexp(std::round(std::ldexp(mantissa, 30)), exponent - 30), value);
+}
+
 // Returns the entries that must be equal in two runs of one unit.
-UnitResult WithoutTimes(UnitResult result) {
+UnitResult Comparable(UnitResult result) {
   for (auto& method : result.episodes) {
-    for (EpisodeResult& episode : method) episode.seconds = 0.0;
+    for (EpisodeResult& episode : method) {
+      episode.seconds = 0.0;
+      episode.change = RoundedResult(episode.change);
+    }
   }
+  for (auto& [name, value] : result.measures) value = RoundedResult(value);
   return result;
 }
 
@@ -247,7 +259,7 @@ std::string HeaderLine(const LedgerHeader& header) {
 
 std::uint64_t Fingerprint(const LedgerRecord& record) {
   LedgerRecord bare;
-  bare.result = WithoutTimes(record.result);
+  bare.result = Comparable(record.result);
   return Hash(ToJson(bare).dump(), 0);
 }
 

@@ -28,7 +28,7 @@ inline UnitKey KeyOf(const EvaluationUnit& unit) {
 [[nodiscard]] std::string HashText(std::string_view bytes);
 /// Returns a hash of all values that must be equal in two ledgers with the same results.
 [[nodiscard]] std::uint64_t IdentityHash(const LedgerHeader& header);
-/// Returns a hash of a unit's results, without times.
+/// Returns a hash of a unit's results, without times. Real numbers are rounded to 9 digits.
 [[nodiscard]] std::uint64_t Fingerprint(const LedgerRecord& record);
 
 [[nodiscard]] std::string HeaderLine(const LedgerHeader& header);

@@ -74,7 +74,7 @@ using CheckFilm =
 /// which an OutputFolder must exist. Writes there:
 /// - run.toml, from options.configuration;
 /// - for the whole plan, summary.json, which is identical for any number of threads, shards and
-///   machines, and times.json, which is not.
+///   machines with the same instruction set, and times.json, which is not.
 ///
 /// With options.rerun, repeats that episode of the run in options.out with TrialRunner::Run() and
 /// Film(), and prints its outcome, which must match the ledger. Returns std::nullopt for a shard or

@@ -50,7 +50,7 @@ struct LedgerContents {
 
 /// Merges the ledgers of the shards into one ledger of the whole plan, in the plan's order. The
 /// file is identical for any split. Skips shards without a finished unit. A unit in several shards
-/// must have the same results in each.
+/// must have the same results in each, up to rounding.
 /// @throws std::runtime_error naming the field, the unit or the missing units; and as ReadLedger().
 void MergeLedgers(const std::vector<std::filesystem::path>& shards,
                   const std::filesystem::path& whole);

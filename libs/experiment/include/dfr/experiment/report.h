@@ -118,8 +118,8 @@ struct ReportOptions {
 /// with bands, the outcomes of episodes, the figures of the options, and then all tables. Figures
 /// are inline SVG; media are data URIs. The layout supports light and dark themes, narrow and wide
 /// windows, and print. A summary without cells gives a page of the options' content only. The page
-/// contains no measured times and is therefore identical bit for bit, whichever machines ran the
-/// units.
+/// contains no measured times and is therefore identical bit for bit, whichever machines with the
+/// same instruction set ran the units.
 /// @throws std::invalid_argument if a series, a table or a kind of media does not match its
 ///   description; std::runtime_error naming a media file that cannot be read.
 [[nodiscard]] std::string RenderReport(const Summary& summary, const ReportOptions& options);

@@ -111,7 +111,7 @@ struct SummaryOptions {
 ///      "only_reference_collided": ..., "mcnemar_p": ...}, ...],
 ///    "measures": [{"name": ..., "learner": ..., "demonstrations": ..., "mean": ...}, ...]}
 /// "interval" of a contrast repeats "collision_reduction_interval". Contains no measured times, so
-/// the text is identical for any distribution of units over machines.
+/// the text is identical for any distribution of units over machines with the same instruction set.
 [[nodiscard]] std::string ToJson(const Summary& summary);
 
 /// Writes ToJson() to a temporary file and renames it when complete.

@@ -1,0 +1,89 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "dfr/experiment/experiment.h"
+#include "dfr/experiment/ledger.h"
+#include "dfr/experiment/status.h"
+#include "ledger/ledger_file.h"
+#include "ledger/ledger_line.h"
+#include "tests/experiment/fake_trial_runner.h"
+#include "tests/support/message_of.h"
+
+namespace dfr::experiment {
+namespace {
+
+using test::EmptyFolder;
+using test::FakePlan;
+using test::MakeFakeTrialRunner;
+using testing::AllOf;
+using testing::HasSubstr;
+
+void WriteText(const std::filesystem::path& path, const std::string& text) {
+  std::ofstream(path, std::ios::binary) << text;
+}
+
+class LedgerReaderTest : public testing::Test {
+ protected:
+  std::filesystem::path folder =
+      EmptyFolder(std::string("ledger_reader_") +
+                  testing::UnitTest::GetInstance()->current_test_info()->name());
+  std::filesystem::path ledger = folder / "ledger.jsonl";
+};
+
+// A runner whose real numbers are scaled, as by the rounding of another instruction set.
+class ScaledRunner final : public TrialRunner {
+ public:
+  ScaledRunner(const EvaluationUnit& unit, double factor) : fake_(unit), factor_(factor) {}
+  bool Accepts(std::uint64_t start_seed) override { return fake_.Accepts(start_seed); }
+  EpisodeResult Run(int method, std::uint64_t start_seed, std::uint64_t controller_seed) override {
+    EpisodeResult result = fake_.Run(method, start_seed, controller_seed);
+    result.changed_controls = result.sized_changes = result.recovery_controls;
+    result.change = 0.137 * result.sized_changes * factor_;
+    return result;
+  }
+  std::map<std::string, double> Measures() override {
+    return {{"overlap", fake_.Measures().at("overlap") * factor_}};
+  }
+
+ private:
+  test::FakeTrialRunner fake_;
+  double factor_;
+};
+
+MakeTrialRunner Scaled(double factor) {
+  return
+      [factor](const EvaluationUnit& unit) { return std::make_unique<ScaledRunner>(unit, factor); };
+}
+
+TEST_F(LedgerReaderTest, RoundingOfAnotherInstructionSetIsNoOtherResult) {
+  (void)Evaluate(FakePlan(), Scaled(1.0), {.threads = 1, .ledger = ledger});
+  const auto merge_with = [&](double factor) {
+    const std::filesystem::path other = folder / "other.jsonl";
+    std::filesystem::remove(other);
+    (void)Evaluate(FakePlan(), Scaled(factor), {.threads = 1, .ledger = other});
+    return test::MessageOf([&] { MergeLedgers({ledger, other}, folder / "whole.jsonl"); });
+  };
+  EXPECT_EQ(merge_with(1.0 + 1e-15), "nothing thrown");
+  EXPECT_THAT(merge_with(1.0 + 1e-6), HasSubstr("has results of trial 0"));
+  const auto rerun_with = [&](double factor) {
+    ExperimentOptions options;
+    options.out = folder;
+    options.rerun.episode = "1/60/8/dfr/3";
+    return test::MessageOf(
+        [&] { (void)RunExperiment("fake", FakePlan(), Scaled(factor), {}, options); });
+  };
+  EXPECT_EQ(rerun_with(1.0 + 1e-15), "nothing thrown");
+  EXPECT_THAT(rerun_with(1.0 + 1e-6), HasSubstr("something other than the settings"));
+}
+
+}  // namespace
+}  // namespace dfr::experiment
