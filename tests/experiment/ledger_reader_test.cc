@@ -85,5 +85,26 @@ TEST_F(LedgerReaderTest, RoundingOfAnotherInstructionSetIsNoOtherResult) {
   EXPECT_THAT(rerun_with(1.0 + 1e-6), HasSubstr("something other than the settings"));
 }
 
+TEST_F(LedgerReaderTest, TheRemainingTimeIgnoresPausesBetweenRuns) {
+  (void)Evaluate(FakePlan(), MakeFakeTrialRunner, {.threads = 1, .ledger = ledger});
+  LedgerContents contents = ReadLedger(ledger);
+  contents.records.resize(4);  // of 20 units
+  const auto remaining = [&](double wall_s, const std::vector<std::int64_t>& finished) {
+    std::string text = internal::HeaderLine(contents.header);
+    for (std::size_t i = 0; i < finished.size(); ++i) {
+      contents.records[i].wall_s = wall_s;
+      contents.records[i].finished = 1'000'000'000 + finished[i];
+      text += internal::UnitLine(contents.records[i], internal::IdentityHash(contents.header));
+    }
+    WriteText(ledger, text);
+    const internal::Descriptor running = internal::OpenLocked(ledger);
+    return StatusesOf({folder}).front().remaining_s.value_or(-1.0);
+  };
+  EXPECT_NEAR(remaining(3600.0, {0, 3600, 58'000, 61'600}), 16 * 3600.0, 1e-3);
+  EXPECT_NEAR(remaining(3600.0, {0, 0, 1800, 61'600}), 16 * 2250.0, 1e-3) << "two threads";
+  // `finished` has whole seconds.
+  EXPECT_NEAR(remaining(0.001, {0, 1, 2, 3}), 4 * 3.001, 1e-3);
+}
+
 }  // namespace
 }  // namespace dfr::experiment

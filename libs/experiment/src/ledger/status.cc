@@ -7,6 +7,7 @@
 #include <stdexcept>
 #include <tuple>
 #include <utility>
+#include <vector>
 
 #include "dfr/core/text/format.h"
 #include "dfr/experiment/ledger.h"
@@ -15,6 +16,22 @@
 
 namespace dfr::experiment {
 namespace {
+
+using Span = std::pair<double, double>;  // start and end of a unit, s
+
+// Returns the time in which at least one unit ran. Also counts gaps of up to 2 s: a ledger has the
+// ends in whole seconds.
+double TotalLength(std::vector<Span> spans) {
+  std::ranges::sort(spans);
+  double total = 0.0;
+  double until = spans.empty() ? 0.0 : spans.front().first;
+  for (const auto& [begin, end] : spans) {
+    if (end <= until) continue;
+    total += end - (begin > until + 2.0 ? begin : until);
+    until = end;
+  }
+  return total;
+}
 
 bool IsLog(const std::filesystem::directory_entry& entry) {
   const std::filesystem::path ending = entry.path().extension();
@@ -91,7 +108,7 @@ class Run {
     status_.done = static_cast<int>(units_.size());
     if (status_.done > 0) status_.mean_wall_s = wall_ / status_.done;
     if (status_.done > 0 && std::ranges::any_of(status_.ledgers, &LedgerStatus::running)) {
-      status_.remaining_s = (ended_ - begun_) / status_.done * (status_.units - status_.done);
+      status_.remaining_s = TotalLength(spans_) / status_.done * (status_.units - status_.done);
     }
     return std::move(status_);
   }
@@ -113,8 +130,7 @@ class Run {
       wall_ += record.wall_s;
       status_.longest_wall_s = std::max(status_.longest_wall_s, record.wall_s);
       const auto end = static_cast<double>(record.finished);
-      begun_ = units_.size() == 1 ? end - record.wall_s : std::min(begun_, end - record.wall_s);
-      ended_ = units_.size() == 1 ? end : std::max(ended_, end);
+      spans_.emplace_back(end - record.wall_s, end);
     }
   }
 
@@ -123,8 +139,7 @@ class Run {
   Status status_;
   std::set<std::tuple<int, int, std::string>> units_;
   double wall_ = 0.0;
-  double begun_ = 0.0;
-  double ended_ = 0.0;
+  std::vector<Span> spans_;
 };
 
 std::string TextOf(const Status& status) {
