@@ -106,5 +106,34 @@ TEST_F(LedgerReaderTest, TheRemainingTimeIgnoresPausesBetweenRuns) {
   EXPECT_NEAR(remaining(0.001, {0, 1, 2, 3}), 4 * 3.001, 1e-3);
 }
 
+TEST_F(LedgerReaderTest, AnyDamageOfTheFirstLineIsNamedAndSalvaged) {
+  EvaluationPlan plan = FakePlan();
+  plan.trials = 1;
+  plan.learners = {"8"};
+  plan.demonstrations = {6};
+  (void)Evaluate(plan, MakeFakeTrialRunner, {.threads = 1, .ledger = ledger});
+  const std::string text = test::Read(ledger);
+  const std::size_t version = text.find("\"version\":") + 10;
+  const auto unused = [](const EvaluationUnit&) -> std::unique_ptr<TrialRunner> {
+    throw std::logic_error("a unit runs again");
+  };
+  for (std::size_t i = 0; i < text.find('\n'); ++i) {
+    if (i == version) continue;  // another digit is another version
+    std::string damaged = text;
+    damaged[i] = static_cast<char>(damaged[i] ^ (1 << (i % 8)));
+    if (damaged[i] == '\n') continue;
+    WriteText(ledger, damaged);
+    EXPECT_THAT(test::MessageOf([&] { (void)ReadLedger(ledger); }),
+                AllOf(HasSubstr("line 1 is damaged"), HasSubstr("--salvage")))
+        << i;
+    EXPECT_EQ(test::MessageOf([&] {
+                (void)Evaluate(plan, unused, {.threads = 1, .ledger = ledger, .salvage = true});
+              }),
+              "nothing thrown")
+        << i;
+    ASSERT_EQ(test::Read(ledger), text) << i;
+  }
+}
+
 }  // namespace
 }  // namespace dfr::experiment

@@ -18,6 +18,9 @@ constexpr const char* kFormat = "dfr paired evaluation";
 constexpr int kVersion = 2;
 constexpr std::string_view kCheckKey = ",\"check\":\"";
 constexpr std::size_t kCheckSize = 10 + 16 + 2;  // key, digits, "}
+constexpr const char* kDamagedHeader =
+    "line 1 is damaged: its checksum does not match. Run the same command with --salvage to write "
+    "it again";
 constexpr int kDeepest = 100;  // maximum nesting of brackets in a line, including those in names
 
 // FNV-1a, followed by a mixing of bits. Every step is one-to-one; any change of a single byte is
@@ -48,6 +51,12 @@ bool CheckHolds(std::string_view line, std::uint64_t seed) {
   const std::string_view tail = line.substr(body.size());
   return tail.starts_with(kCheckKey) && tail.ends_with("\"}") &&
          tail.substr(kCheckKey.size(), 16) == Hex(Hash(body, seed));
+}
+
+// Returns true for a header line, also if it is damaged at one place: it begins or ends as one.
+bool IsOfLedger(std::string_view line) {
+  return line.starts_with(std::string("{\"format\":\"") + kFormat + '"') ||
+         (line.size() > kCheckSize && line.substr(line.size() - kCheckSize).starts_with(kCheckKey));
 }
 
 // Returns a discarded value for invalid JSON, or for JSON nested deeper than a ledger.
@@ -272,20 +281,18 @@ LedgerHeader LedgerReader::Header(std::string_view line) {
   const auto format = json.is_object() ? json.find("format") : json.end();
   if (!json.is_object() || format == json.end() || !format->is_string() ||
       format->get_ref<const std::string&>() != kFormat) {
+    if (IsOfLedger(line)) throw std::runtime_error(kDamagedHeader);
     throw std::runtime_error("is not a ledger of a paired evaluation; choose another folder");
   }
   const Json version = json.value("version", Json());
+  if (!version.is_number() && IsOfLedger(line)) throw std::runtime_error(kDamagedHeader);
   if (version != kVersion) {
     throw std::runtime_error("is a ledger of format version " + version.dump() + ", which " +
                              (version.is_number() && version < kVersion ? "an older" : "another") +
                              " dfr wrote; this one writes version " + std::to_string(kVersion) +
                              ". Choose another folder, or start over with --restart");
   }
-  if (!CheckHolds(line, 0)) {
-    throw std::runtime_error(
-        "line 1 is damaged: its checksum does not match. Run the same command with --salvage to "
-        "write it again");
-  }
+  if (!CheckHolds(line, 0)) throw std::runtime_error(kDamagedHeader);
   LedgerHeader header;
   try {
     json.at("methods").get_to(header.plan.methods);
