@@ -135,5 +135,42 @@ TEST_F(LedgerReaderTest, AnyDamageOfTheFirstLineIsNamedAndSalvaged) {
   }
 }
 
+// Accepts every 10 001st start state.
+class RarelyAcceptingRunner final : public TrialRunner {
+ public:
+  explicit RarelyAcceptingRunner(const EvaluationUnit& unit) : fake_(unit) {}
+  bool Accepts(std::uint64_t /*start_seed*/) override { return ++calls_ % 10'001 == 0; }
+  EpisodeResult Run(int method, std::uint64_t start_seed, std::uint64_t controller_seed) override {
+    return fake_.Run(method, start_seed, controller_seed);
+  }
+
+ private:
+  test::FakeTrialRunner fake_;
+  int calls_ = 0;
+};
+
+TEST_F(LedgerReaderTest, ALedgerWithMoreRedrawsThanTheDefaultIsRead) {
+  EvaluationPlan plan = FakePlan();
+  plan.trials = 1;
+  plan.learners = {"8"};
+  plan.demonstrations = {6};
+  plan.episodes = 2;
+  plan.max_redraws = 20'000;
+  const auto make = [](const EvaluationUnit& unit) {
+    return std::make_unique<RarelyAcceptingRunner>(unit);
+  };
+  (void)Evaluate(plan, make, {.threads = 1, .ledger = ledger});
+  const LedgerContents contents = ReadLedger(ledger);
+  EXPECT_EQ(contents.header.plan.max_redraws, 20'000);
+  ASSERT_EQ(contents.records.size(), 1u);
+  EXPECT_EQ(contents.records.front().result.redrawn, 20'000);
+  MergeLedgers({ledger}, folder / "whole.jsonl");
+  EXPECT_EQ(ReadLedger(folder / "whole.jsonl").records.size(), 1u);
+  plan.max_redraws = EvaluationPlan().max_redraws;
+  EXPECT_THAT(
+      test::MessageOf([&] { (void)Evaluate(plan, make, {.threads = 1, .ledger = ledger}); }),
+      HasSubstr("max_redraws is 20000 there"));
+}
+
 }  // namespace
 }  // namespace dfr::experiment

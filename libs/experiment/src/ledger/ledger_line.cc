@@ -73,16 +73,19 @@ Json Parse(std::string_view line) {
 // Returns the entries that must be equal in two ledgers with the same results.
 Json IdentityOf(const LedgerHeader& header) {
   const EvaluationPlan& plan = header.plan;
-  return {{"format", kFormat},
-          {"version", kVersion},
-          {"methods", plan.methods},
-          {"learners", plan.learners},
-          {"demonstrations", plan.demonstrations},
-          {"trials", plan.trials},
-          {"episodes", plan.episodes},
-          {"seed", plan.seed},
-          {"settings", header.settings},
-          {"commit", header.commit}};
+  Json json = {{"format", kFormat},
+               {"version", kVersion},
+               {"methods", plan.methods},
+               {"learners", plan.learners},
+               {"demonstrations", plan.demonstrations},
+               {"trials", plan.trials},
+               {"episodes", plan.episodes},
+               {"seed", plan.seed},
+               {"settings", header.settings},
+               {"commit", header.commit}};
+  // Ledgers of earlier versions have only the default.
+  if (plan.max_redraws != EvaluationPlan().max_redraws) json["max_redraws"] = plan.max_redraws;
+  return json;
 }
 
 // Uses columns instead of one object per episode: a line of 240 episodes takes only a few kB.
@@ -301,6 +304,7 @@ LedgerHeader LedgerReader::Header(std::string_view line) {
     header.plan.trials = json.at("trials");
     header.plan.episodes = json.at("episodes");
     header.plan.seed = json.at("seed");
+    header.plan.max_redraws = json.value("max_redraws", header.plan.max_redraws);
     json.at("settings").get_to(header.settings);
     header.commit = json.at("commit");
     header.shard = ParseShard(json.at("shard").get<std::string>());

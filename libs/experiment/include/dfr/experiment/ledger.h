@@ -13,7 +13,7 @@ namespace dfr::experiment {
 
 /// Header line of a ledger: everything that determines the results.
 struct LedgerHeader {
-  EvaluationPlan plan;  ///< The file omits supervisors and max_redraws.
+  EvaluationPlan plan;  ///< The file omits supervisors, and a default max_redraws.
   std::map<std::string, std::string> settings;
   std::string commit;
   Shard shard;  ///< Units covered by the file.
