@@ -172,5 +172,19 @@ TEST_F(LedgerReaderTest, ALedgerWithMoreRedrawsThanTheDefaultIsRead) {
       HasSubstr("max_redraws is 20000 there"));
 }
 
+TEST_F(LedgerReaderTest, AMergeNamesTheLedgerThatItComparedWith) {
+  const std::filesystem::path empty = folder / "empty.jsonl";
+  WriteText(empty, "");
+  (void)Evaluate(FakePlan(), MakeFakeTrialRunner, {.threads = 1, .ledger = ledger});
+  EvaluationPlan seeded = FakePlan();
+  seeded.seed = 4;
+  const std::filesystem::path other = folder / "other.jsonl";
+  (void)Evaluate(seeded, MakeFakeTrialRunner, {.threads = 1, .ledger = other});
+  EXPECT_THAT(test::MessageOf([&] {
+                MergeLedgers({empty, ledger, other}, folder / "whole.jsonl");
+              }),
+              HasSubstr(other.string() + ": does not belong to " + ledger.string() + ":"));
+}
+
 }  // namespace
 }  // namespace dfr::experiment

@@ -66,6 +66,7 @@ void MergeLedgers(const std::vector<std::filesystem::path>& shards,
                   const std::filesystem::path& whole) {
   DFR_THROW_UNLESS(!shards.empty(), "no ledger to merge was given");
   std::optional<LedgerHeader> header;
+  std::filesystem::path first_path;
   struct Line {
     std::uint64_t fingerprint;
     std::filesystem::path from;
@@ -79,10 +80,11 @@ void MergeLedgers(const std::vector<std::filesystem::path>& shards,
     if (!header) {
       header = contents.header;
       header->shard = {};
+      first_path = path;
     }
     const std::string difference = Difference(*header, contents.header);
     if (!difference.empty()) {
-      Fail(path, "does not belong to " + shards.front().string() + ": " + difference +
+      Fail(path, "does not belong to " + first_path.string() + ": " + difference +
                      " (now: in this ledger)");
     }
     const std::uint64_t identity = IdentityHash(*header);
