@@ -5,10 +5,12 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <charconv>
+#include <cstdint>
 #include <cstdlib>
 #include <filesystem>
 #include <iostream>
 #include <map>
+#include <regex>
 #include <set>
 #include <sstream>
 #include <stdexcept>
@@ -74,19 +76,17 @@ Arguments SplitAtCommas(const std::string& text) {
 
 // Formats a value as TOML: a number if `is_number` and `text` is a number, otherwise a string.
 std::string Value(const std::string& text, bool is_number) {
-  if (is_number) {
+  static const std::regex kNumber(R"(-?(0|[1-9][0-9]*)(\.[0-9]+)?([eE][-+]?[0-9]+)?)");
+  // The limit bounds the depth of std::regex. TOML's integers have 64 bits.
+  if (is_number && text.size() < 400 && std::regex_match(text, kNumber)) {
+    const auto fits = [&](auto& number) {
+      return std::from_chars(text.data(), text.data() + text.size(), number).ec == std::errc();
+    };
+    std::int64_t whole = 0;
     double value = 0.0;
-    const auto end = std::from_chars(text.data(), text.data() + text.size(), value);
-    const bool plain = text.find_first_not_of("0123456789+-.eE") == std::string::npos;
-    const bool digits =
-        text.find_first_of('.') == std::string::npos ||
-        (text.front() != '.' && !text.starts_with("-.") && text.back() != '.' &&
-         text.find(".e") == std::string::npos && text.find(".E") == std::string::npos);
-    const bool zero = text.size() > 1 && text[0] == '0' && std::isdigit(text[1]) != 0;
-    if (end.ec == std::errc() && end.ptr == text.data() + text.size() && plain && digits && !zero) {
-      // Uses one form for written, read and default values: 0.0006 and 6e-4 mean the same run.
-      return text.find_first_of(".eE") == std::string::npos ? text : Exactly(value);
-    }
+    const bool integer = text.find_first_of(".eE") == std::string::npos;
+    // Uses one form for written, read and default values: 0.0006 and 6e-4 mean the same run.
+    if (integer ? fits(whole) : fits(value)) return integer ? text : Exactly(value);
   }
   std::string quoted = "\"";
   for (const char c : text) {

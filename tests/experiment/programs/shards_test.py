@@ -117,6 +117,12 @@ class ShardsTest(unittest.TestCase):
         text = (self.folder / "two/run.toml").read_text()
         for says in ("seed = 11\n", "demonstrations = [12, 13]\n", "trials = 1\n"):
             self.assertIn(says, text)
+        # TOML's integers end at 9223372036854775807.
+        for seed in ("9223372036854775807", "9223372036854775808", "18446744073709551615"):
+            self.run_program("experiment", "--seed", seed, "--out", seed)
+            self.run_program("experiment", "--config", f"{seed}/run.toml", "--out", f"{seed}b")
+            self.assertEqual(json.loads(self.bytes_of(f"{seed}b/summary.json"))["seed"], int(seed))
+            self.run_program("merge", seed, "--out", f"{seed}c")
         for option, value in (("--seed", "0x10"), ("--seed", "018446744073709551616"), ("--trials", "1e3"),
                               ("--trials", "2147483648"), ("--demonstrations", "6,0x10")):
             with self.subTest(option=option, value=value):
