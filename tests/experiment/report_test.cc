@@ -115,8 +115,11 @@ TEST(ReportTest, NamesTheClusters) {
     const std::size_t begin = html.find("Fieller's 95 % intervals");
     return html.substr(begin, html.find("</p>", begin) - begin);
   };
-  EXPECT_EQ(caption("supervisors"), "Fieller's 95 % intervals, clustered by supervisor.");
-  EXPECT_EQ(caption("trials"), "Fieller's 95 % intervals, clustered by trial.");
+  const std::string exact =
+      " With fewer than 5 events of the method, or the same ratio in all clusters, they also cover "
+      "the exact interval of the ratio of two rates.";
+  EXPECT_EQ(caption("supervisors"), "Fieller's 95 % intervals, clustered by supervisor." + exact);
+  EXPECT_EQ(caption("trials"), "Fieller's 95 % intervals, clustered by trial." + exact);
   EXPECT_THAT(caption("episodes"), testing::HasSubstr("too few trials to cluster by"));
 }
 

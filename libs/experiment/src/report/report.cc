@@ -173,14 +173,14 @@ class Page : internal::PageWords {
     const std::string& clusters = summary_.contrasts.front().clusters;
     out_
         << "<p class=\"caption\">Totals over all data points against " << reference
-        << "'s, from the same start states. In brackets: Fieller's 95 % intervals, "
-           "clustered by "
+        << "'s, from the same start states. In brackets: Fieller's 95 % intervals, clustered by "
         << (clusters == "episodes"
                 ? "start state within each trial. There are too few trials to cluster by these, so "
                   "the intervals do not include the variation between trials"
             : clusters == "trials" ? "trial"
                                    : "supervisor")
-        << ".</p>\n";
+        << ". With fewer than 5 events of the method, or the same ratio in all clusters, they also "
+           "cover the exact interval of the ratio of two rates.</p>\n";
   }
 
   [[nodiscard]] std::size_t DataPoints() const {
@@ -341,8 +341,7 @@ class Page : internal::PageWords {
     key("done", "completed");
     for (const std::string& cause : causes) key(class_of(cause), "halted: " + cause);
     key("hit", "collided");
-    out_ << "</div>\n<figcaption>Shares of all episodes, in percent.";
-    out_ << "</figcaption>\n</figure>\n";
+    out_ << "</div>\n<figcaption>Shares of all episodes, in percent.</figcaption>\n</figure>\n";
   }
 
   void CollisionCauses() {
