@@ -6,6 +6,7 @@
 #include <stdexcept>
 #include <vector>
 
+#include "dfr/core/files/archive.h"
 #include "dfr/core/files/read_file.h"
 #include "tests/imitation/point_reach.h"
 #include "tests/support/message_of.h"
@@ -111,6 +112,26 @@ TEST(TrpoTest, AResumedRunContinuesBitForBit) {
     EXPECT_EQ(policy.mean().mlp().parameters(), same.mean().mlp().parameters());
     EXPECT_EQ(policy.mean().whitening().mean(), same.mean().whitening().mean());
     EXPECT_EQ(policy.log_std(), same.log_std());
+  }
+}
+
+TEST(TrpoTest, ACheckpointDeclaresNoMoreWeightsThanItsSizeAllows) {
+  const test::TempFolder folder;
+  const std::vector<int> narrow = {16};
+  const std::vector<int> wide(20, Mlp::kMaxWidth);
+  for (const bool critic : {false, true}) {
+    core::ArchiveWriter archive("trpo-checkpoint", 2);
+    archive.Integers(critic ? narrow : wide);
+    archive.Integers(critic ? wide : narrow);
+    for (int i = 0; i < 2; ++i) archive.Text("");
+    for (int i = 0; i < 8; ++i) archive.Number(0.5);
+    for (int i = 0; i < 6; ++i) archive.Integer(10);
+    archive.Save(folder / "checkpoint.dfr");
+    PointReach environment;
+    EXPECT_THAT(test::MessageOf<std::runtime_error>([&] {
+                  static_cast<void>(Trpo::Resume(environment, folder / "checkpoint.dfr"));
+                }),
+                HasSubstr("weights of 8 bytes, too many"));
   }
 }
 

@@ -3,8 +3,10 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <vector>
 
 #include "dfr/core/contract.h"
+#include "mlp/spend_weights.h"
 
 namespace dfr::imitation::internal {
 
@@ -52,8 +54,10 @@ void SaveTrpoOptions(const TrpoOptions& o, core::ArchiveWriter& archive) {
 TrpoOptions LoadTrpoOptions(core::ArchiveReader& archive) {
   constexpr int kMax = std::numeric_limits<int>::max();
   TrpoOptions o;
-  o.hidden = archive.Integers();
-  o.critic_hidden = archive.Integers();
+  for (std::vector<int>* const hidden : {&o.hidden, &o.critic_hidden}) {
+    *hidden = archive.Integers();
+    SpendWeights(*hidden, archive);
+  }
   o.features = archive.Text();
   o.environment = archive.Text();
   for (double* const value :

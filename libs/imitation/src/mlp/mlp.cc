@@ -8,6 +8,7 @@
 
 #include "dfr/core/contract.h"
 #include "mlp/dense_kernels.h"
+#include "mlp/spend_weights.h"
 
 namespace dfr::imitation {
 namespace {
@@ -322,12 +323,7 @@ void Mlp::Save(core::ArchiveWriter& archive) const {
 Mlp Mlp::Load(core::ArchiveReader& archive) {
   const std::vector<int> sizes = archive.Integers();
   const std::vector<double> parameters = archive.Numbers();
-  // Checked before creating the network: a few sizes can request any number of weights.
-  for (std::size_t i = 1; i < sizes.size(); ++i) {
-    const auto inputs = static_cast<std::uint64_t>(std::clamp(sizes[i - 1], 0, kMaxWidth));
-    const auto outputs = static_cast<std::uint64_t>(std::clamp(sizes[i], 0, kMaxWidth));
-    archive.Spend((inputs + 1) * outputs, sizeof(double), "weights");
-  }
+  internal::SpendWeights(sizes, archive);
   try {
     Mlp mlp(sizes);
     mlp.SetParameters(core::AsVector(parameters));
