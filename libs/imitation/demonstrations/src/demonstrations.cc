@@ -231,7 +231,9 @@ void RobomimicWriter::CopyOrigin(const DemonstrationReader& from) {
   if (from.discarded() > 0) file_->SetDiscarded(from.discarded());
 }
 
-void RobomimicWriter::CountDiscarded() { file_->SetDiscarded(file_->discarded() + 1); }
+void RobomimicWriter::CountDiscarded(int episodes) {
+  file_->SetDiscarded(file_->discarded() + episodes);
+}
 
 int RobomimicWriter::num_episodes() const noexcept { return file_->num_episodes(); }
 
@@ -245,7 +247,7 @@ void SaveRobomimic(const DemonstrationSet& demonstrations, const std::filesystem
     }
     return made;
   });
-  for (int i = 0; i < demonstrations.discarded; ++i) writer.CountDiscarded();
+  if (demonstrations.discarded > 0) writer.CountDiscarded(demonstrations.discarded);
 }
 
 std::unique_ptr<DemonstrationReader> OpenRobomimic(const std::filesystem::path& path,

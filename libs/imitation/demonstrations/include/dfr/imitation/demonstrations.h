@@ -97,8 +97,8 @@ class RobomimicWriter {
   /// Copies the origin and the number of discarded episodes of another file; call once.
   void CopyOrigin(const DemonstrationReader& from);
 
-  /// Counts a discarded episode.
-  void CountDiscarded();
+  /// Counts `episodes` >= 0 discarded episodes, with one write to the file.
+  void CountDiscarded(int episodes = 1);
 
   [[nodiscard]] int num_episodes() const noexcept;
 
