@@ -32,7 +32,7 @@ std::vector<experiment::ReportJudgement> JudgeMethods(const std::vector<Row>& ro
   const std::string watching = safety::Name(safety::Strategy::kMonitor);
   for (const std::string& controller : Distinct(rows, &Row::controller)) {
     const bool watches = controller == watching || controller == watching + kOnPictures;
-    if (watches || IsPolicy(controller) || IsPlacebo(controller)) continue;
+    if (watches || IsPolicy(controller) || IsComparison(controller)) continue;
     const Totals totals(all_of(controller));
     const experiment::Interval saved = totals.IntervalOf(&TrialCounts::saved);
     const experiment::Interval harmed = totals.IntervalOf(&TrialCounts::harmed);

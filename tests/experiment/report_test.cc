@@ -247,6 +247,9 @@ TEST(ReportTest, BeginsWithAVerdict) {
     return html.substr(begin, html.find("</ul>", begin) - begin);
   };
   EXPECT_THAT(verdict(), HasSubstr("Fit for use"));
+  ReportOptions unjudged;
+  for (const Contrast& contrast : summary.contrasts) unjudged.unjudged.insert(contrast.method);
+  EXPECT_THAT(RenderReport(summary, unjudged), Not(HasSubstr("Fit for use")));
   // The learner with the strongest evidence against a method decides.
   Contrast& last = summary.contrasts.back();
   last.clusters = "episodes";

@@ -180,7 +180,8 @@ TEST(StressTest, JudgesEachMethodByWhatItSavesHarmsAndPasses) {
       row("controller", 297, 96, 0, 0.6),     row("dfr", 201, 60, 60, 0.1),
       row("dfr-fine", 240, 90, 51, 0.1),      row("early-stopping", 99, 96, 102, 0.0),
       row("certified", 150, 3, 51, 0.0),      row("monitor", 201, 0, 0, 0.0),
-      row("placebo-halts", 30, 90, 180, 0.0), row("lwr", 297, 96, 0, 0.0)};
+      row("placebo-halts", 30, 90, 180, 0.0), row("lwr", 297, 96, 0, 0.0),
+      row("true-jacobian", 297, 96, 0, 0.1)};
   const auto expected = std::map<std::string, std::pair<int, std::string>>{
       {"guard", {0, ""}},
       {"controller", {1, "replaces most"}},

@@ -14,6 +14,7 @@
 #include "dfr/experiment/intervals.h"
 #include "dfr/experiment/ledger.h"
 #include "dfr/experiment/report.h"
+#include "dfr/study/placebo.h"
 #include "probe_study.h"
 #include "rollout_video.h"
 #include "trial_runner.h"
@@ -199,6 +200,8 @@ experiment::ReportOptions MakeReport(const ExperimentOptions& options,
       "A da Vinci arm follows a red line on gauze that a Stewart platform moves, seen by an "
       "endoscope. Demonstrations are open-loop and undisturbed, so the learned policy has no "
       "feedback: recovery must supply it.";
+  std::ranges::copy_if(plan.methods, std::inserter(report.unjudged, report.unjudged.end()),
+                       study::IsComparison);
   for (const std::string& world : plan.learners) {
     report.learner_names[world] = world == "frozen" ? "frozen: the platform stops with the robot"
                                                     : world + " from picture to control";

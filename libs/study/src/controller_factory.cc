@@ -27,10 +27,6 @@ constexpr std::array<std::pair<std::string_view, std::string_view>, 6> kAlone = 
      {"dart", "baseline@dart"},
      {"dagger", "baseline@dagger"}}};
 
-bool IsOracle(std::string_view controller) noexcept {
-  return controller == kTrueJacobian || controller == kFiniteDifference;
-}
-
 // A controller and the policy that it borrows.
 class WithPolicy final : public control::Controller {
  public:
@@ -75,6 +71,11 @@ class WithOnlinePolicy final : public control::Controller, public LearnsOnline {
 };
 
 }  // namespace
+
+bool IsOracle(std::string_view method) noexcept {
+  const std::string_view controller = Split(method).controller;
+  return controller == kTrueJacobian || controller == kFiniteDifference;
+}
 
 MethodName Split(std::string_view name) noexcept {
   MethodName parts;

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "dfr/core/contract.h"
+#include "dfr/study/controller_factory.h"
 
 namespace dfr::study {
 namespace {
@@ -16,6 +17,10 @@ constexpr std::uint64_t kStream = 0x706c616365626f;
 const std::vector<std::string>& PlaceboNames() {
   static const std::vector<std::string> names = {"placebo-corrections", "placebo-halts"};
   return names;
+}
+
+bool IsComparison(std::string_view method) noexcept {
+  return IsPlacebo(method) || IsOracle(method);
 }
 
 bool IsPlacebo(std::string_view method) noexcept {

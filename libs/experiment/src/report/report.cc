@@ -74,6 +74,7 @@ class Page : internal::PageWords {
   [[nodiscard]] std::vector<ReportJudgement> Judgements() const {
     std::vector<ReportJudgement> all;
     for (const std::string& method : methods_) {
+      if (options_.unjudged.contains(method)) continue;
       ReportJudgement worst{.grade = -1};
       for (const Contrast& contrast : summary_.contrasts) {
         if (contrast.method != method) continue;

@@ -5,6 +5,7 @@
 #include <iosfwd>
 #include <map>
 #include <optional>
+#include <set>
 #include <span>
 #include <string>
 #include <string_view>
@@ -100,6 +101,8 @@ struct ReportOptions {
   std::string verdict = {};
   std::vector<ReportJudgement> judgements = {};
   std::string judged_by = {};  ///< Rule behind `judgements`, shown below them.
+  /// Methods that the derived judgements leave out, such as placebos and oracles.
+  std::set<std::string> unjudged = {};
   /// Program that wrote the report. On hover or tap of a number, the page shows the command of this
   /// program that prints the ids of the episodes behind the number. Empty: not shown.
   std::string program = {};

@@ -64,6 +64,10 @@ struct MethodName {
 /// "baseline@none" or "ensemble".
 [[nodiscard]] bool IsPolicy(std::string_view method) noexcept;
 
+/// Returns true for a method that needs the plant, such as "true-jacobian" or
+/// "finite-difference@lwr".
+[[nodiscard]] bool IsOracle(std::string_view method) noexcept;
+
 /// Returns footnotes for tables of these methods, one per line. They mark oracles, adversaries, and
 /// policies learned with the supervisor's help. Empty if there are none.
 [[nodiscard]] std::string MarksOf(std::span<const std::string> methods);

@@ -25,6 +25,9 @@ inline constexpr std::string_view kJudged = "guard";
 /// Returns true if `method` is one of PlaceboNames(), alone or with a policy, as in
 /// "placebo-halts@lwr".
 [[nodiscard]] bool IsPlacebo(std::string_view method) noexcept;
+
+/// Returns true for a placebo or an oracle: a method to compare others with, not to use.
+[[nodiscard]] bool IsComparison(std::string_view method) noexcept;
 /// Returns `method` with another controller around the same policy, as in "guard@lwr".
 [[nodiscard]] std::string WithController(std::string_view controller, std::string_view method);
 /// Same as ParseMethod(), but for a placebo returns the method of the policy alone under the
