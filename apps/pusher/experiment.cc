@@ -13,6 +13,7 @@
 #include "dfr/experiment/episodes.h"
 #include "dfr/experiment/ledger.h"
 #include "dfr/experiment/report.h"
+#include "dfr/study/placebo.h"
 #include "trial_runner.h"
 
 namespace dfr::apps::pusher {
@@ -229,6 +230,8 @@ experiment::ReportOptions MakeReport(const ExperimentOptions& options,
       "online. If a learned control would not end well inside, the controller applies the control "
       "of nearby demonstrations, corrected "
       "towards the inside. All methods start from the same states.";
+  std::ranges::copy_if(plan.methods, std::inserter(report.unjudged, report.unjudged.end()),
+                       study::IsComparison);
   for (const std::string& learner : plan.learners) {
     report.learner_names[learner] = learner + " tanh";
   }
@@ -308,8 +311,12 @@ void RunExperiment(const ExperimentOptions& options) {
   const experiment::EvaluationPlan plan = MakePlan(options);
   TrialRunnerFactory factory = MakeFactory(options, plan);
   const experiment::OutputFolder folder(options, plan);
-  const std::map<std::string, std::string> settings = Settings(
+  std::map<std::string, std::string> settings = Settings(
       options, options.supervisor.empty() ? ShippedSupervisor() : options.supervisor, plan);
+  for (int i = 2; options.supervisor.empty() && i <= plan.supervisors; ++i) {
+    settings["supervisor " + std::to_string(i) + "'s hash"] =
+        experiment::HashOfFile(ShippedSupervisor(i));
+  }
   const auto make = [&](const experiment::EvaluationUnit& unit) {
     std::unique_ptr<PusherTrialRunner> runner = factory.Make(unit);
     runner->JudgeIn(plan, unit);

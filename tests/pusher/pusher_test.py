@@ -51,12 +51,14 @@ class PusherTest(ProgramTest):
     def test_options_override_a_preset_and_other_settings_need_a_restart(self):
         shutil.copytree(self.folder / "whole", self.folder / "authors")
         authors = ["--learners", "8", "--demonstrations", "8", "--trials", 1, "--episodes", 1, "--no-video", "--no-convergence",
-                   "--methods", "baseline,controller", "--out", "authors", "--preset", "authors", "--gamma", 7]
+                   "--methods", "baseline,controller", "--out", "authors", "--preset", "authors", "--gamma", 7,
+                   "--supervisors", 2]
         error = self.run_pusher("experiment", *authors, fails=True)
         self.assertIn("was begun with other settings", error)
         self.run_pusher("experiment", *authors, "--restart")
         settings = self.settings("authors")
         self.assertEqual([settings[k] for k in ("learning_rate", "horizon", "nu", "gamma")], ["0.01", "100", "0.1", "7"])
+        self.assertNotEqual(settings["supervisor 2's hash"], settings["supervisor's hash"])
 
     def test_a_restart_with_a_mistake_deletes_nothing(self):
         shutil.copytree(self.folder / "whole", self.folder / "kept")

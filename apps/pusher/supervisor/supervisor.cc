@@ -32,21 +32,20 @@ core::Trajectory Episode(sim::PusherPlant& plant, const imitation::GaussianPolic
 
 }  // namespace
 
-std::filesystem::path ShippedSupervisor() {
+std::filesystem::path ShippedSupervisor(int number) {
   std::error_code error;
   const std::filesystem::path program = std::filesystem::read_symlink("/proc/self/exe", error);
-  return program.parent_path().parent_path() / "share" / "dfr" / "pusher" / "supervisor.dfr";
+  return program.parent_path().parent_path() / "share" / "dfr" / "pusher" /
+         (number == 1 ? "supervisor.dfr" : "supervisor_" + std::to_string(number) + ".dfr");
 }
 
 std::vector<imitation::GaussianPolicy> LoadShippedSupervisors(int count) {
   DFR_THROW_UNLESS(count >= 1 && count <= kShippedSupervisors,
                    "there are 1 to " << kShippedSupervisors << " supervisors, not " << count);
-  const std::filesystem::path first = ShippedSupervisor();
-  std::vector<imitation::GaussianPolicy> supervisors = {imitation::GaussianPolicy::Load(first)};
+  std::vector<imitation::GaussianPolicy> supervisors;
   supervisors.reserve(static_cast<std::size_t>(count));
-  for (int i = 2; i <= count; ++i) {
-    supervisors.push_back(imitation::GaussianPolicy::Load(
-        first.parent_path() / ("supervisor_" + std::to_string(i) + ".dfr")));
+  for (int i = 1; i <= count; ++i) {
+    supervisors.push_back(imitation::GaussianPolicy::Load(ShippedSupervisor(i)));
   }
   return supervisors;
 }

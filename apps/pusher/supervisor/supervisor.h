@@ -12,8 +12,9 @@
 
 namespace dfr::apps::pusher {
 
-/// Returns the file of the shipped supervisor, in ../share/dfr/pusher of the program's folder.
-[[nodiscard]] std::filesystem::path ShippedSupervisor();
+/// Returns the file of the shipped supervisor `number` >= 1, in ../share/dfr/pusher of the
+/// program's folder.
+[[nodiscard]] std::filesystem::path ShippedSupervisor(int number = 1);
 
 /// Number of shipped supervisors, trained by train-supervisor with the seeds 1, 2, ...
 inline constexpr int kShippedSupervisors = 5;
