@@ -32,9 +32,8 @@ class SafetyFilter {
   /// a world at rest, and if `to_depth`, `pass_level` minus the pass depth suffices. `v` is also
   /// unchanged if the corrected control would still end below `pass_level`, differs by at most
   /// guided::kIdle (in a world at rest, if `v` does not lower the level, kIdleAtRest), gains no
-  /// more than target.level
-  /// - pass_level, and does not lead back inside. kRecovery: `v` does not come from the learned
-  /// control. kProbe: `v` is a probe.
+  /// more than target.level - pass_level, and does not lead back inside. kRecovery: `v` does not
+  /// come from the learned control. kProbe: `v` is a probe.
   [[nodiscard]] Choice Filter(LocalFit& fit, const StepTarget& target, double pass_level,
                               Eigen::VectorXd& v,
                               double stay_level = std::numeric_limits<double>::infinity(),
