@@ -119,10 +119,12 @@ class Page : internal::PageWords {
     if (given) {
       out_ << Escape(options_.judged_by);
     } else {
-      out_ << "Judged in this experiment against "
-           << Escape(NameOf(summary_.contrasts.front().against))
-           << ", each method by its worst learner, except other policies. Fit for use: 95 % "
-              "intervals show fewer collisions and at least 0.9 times the completions.";
+      out_
+          << "Judged in this experiment against "
+          << Escape(NameOf(summary_.contrasts.front().against))
+          << ", each method by its worst learner. Other policies, placebos and oracles are not "
+             "judged. Fit for use: 95 % intervals show fewer collisions and at least 0.9 times the "
+             "completions.";
     }
     out_ << "</p></div>\n";
   }
