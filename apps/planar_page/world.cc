@@ -281,7 +281,7 @@ std::optional<core::Trajectory> World::Follow(const std::vector<Point>& points, 
         Point control = ControlFor((kSpeed * PointPlant::kGain / std::max(1e-9, Norm(way))) * way);
         for (double& entry : control) entry += noise * random.Normal();
         control = Saturated(control);
-        std::ranges::copy(control, u.begin());
+        std::copy(control.begin(), control.end(), u.begin());
         return plant.Apply(u);
       });
   demonstration.seed = seed;

@@ -1,5 +1,8 @@
 #!/usr/bin/env python3
-"""The sources of the page include no header of a library that the page does without.
+"""The sources of the page compile for WebAssembly.
+
+They include no header of a library that the page does without, and call no algorithm of std::ranges: the standard
+library of Debian's Emscripten has none.
 
 usage: sources_test.py PROJECT LIBRARY ... -- SOURCE ...
 """
@@ -11,6 +14,7 @@ import sys
 separator = sys.argv.index("--")
 PROJECT, *LIBRARIES = (pathlib.Path(name) for name in sys.argv[1:separator])
 SOURCES = [pathlib.Path(name).resolve() for name in sys.argv[separator + 1:]]
+RANGES = re.compile(r"std::ranges::(?!s?size\b|c?begin\b|c?end\b|data\b|\w*range\b)\w+")
 FOLDERS = [library / "include" for library in LIBRARIES] + [PROJECT]
 
 
@@ -21,6 +25,10 @@ def main():
     while left:
         file = left.pop()
         for number, line in enumerate(file.read_text().splitlines(), 1):
+            algorithm = RANGES.search(line.partition("//")[0])
+            if algorithm:
+                wrong.append(f"{file.relative_to(PROJECT)}:{number}: Emscripten has no {algorithm[0]}; "
+                             "call the algorithm of namespace std")
             match = re.match(r'#include "([^"]+)"', line)
             if match is None:
                 continue

@@ -173,8 +173,8 @@ Response Response::Load(core::ArchiveReader& archive) {
   for (int i = 0; i < response.control_dim(); ++i) {
     response.values_.push_back(archive.Numbers());
     const std::vector<double>& values = response.values_.back();
-    if (values.size() > guided::kMostFew || !std::ranges::is_sorted(values) ||
-        !std::ranges::all_of(values, [](double v) { return std::isfinite(v); })) {
+    if (values.size() > guided::kMostFew || !std::is_sorted(values.begin(), values.end()) ||
+        !std::all_of(values.begin(), values.end(), [](double v) { return std::isfinite(v); })) {
       archive.Fail("the values of an entry of a control must be few, ascending and finite");
     }
   }

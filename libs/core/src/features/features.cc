@@ -137,7 +137,7 @@ FeatureSelection FeatureSelection::Mapped(StateMap map) const {
   mapped.indices_.erase(std::unique(mapped.indices_.begin(), mapped.indices_.end()),
                         mapped.indices_.end());
   for (const StateMap::Circle& circle : mapped.map_.circles()) {
-    const auto at = std::ranges::find(mapped.indices_, circle.entry);
+    const auto at = std::find(mapped.indices_.begin(), mapped.indices_.end(), circle.entry);
     if (at != mapped.indices_.end()) mapped.indices_.insert(at, circle.entry);
   }
   return mapped;

@@ -87,8 +87,8 @@ StateMap::StateMap(std::vector<Quaternion> quaternions, std::vector<Angle> angle
   }
   for (const Angle& angle : angles_) entries.push_back(angle.entry);
   for (const Circle& circle : circles_) entries.push_back(circle.entry);
-  std::ranges::sort(entries);
-  const auto twice = std::ranges::adjacent_find(entries);
+  std::sort(entries.begin(), entries.end());
+  const auto twice = std::adjacent_find(entries.begin(), entries.end());
   DFR_THROW_UNLESS(twice == entries.end(), "entry " << *twice << " belongs to two rotations");
 }
 
@@ -151,7 +151,8 @@ int StateMap::least_state_dim() const noexcept {
 }
 
 const StateMap::Circle* StateMap::FindCircle(int entry) const noexcept {
-  const auto found = std::ranges::find(circles_, entry, &Circle::entry);
+  const auto found = std::find_if(circles_.begin(), circles_.end(),
+                                  [&](const Circle& circle) { return circle.entry == entry; });
   return found == circles_.end() ? nullptr : &*found;
 }
 

@@ -61,7 +61,8 @@ template <typename T>
   std::vector<T> others;
   others.reserve(values.size());
   for (std::size_t d = 0; d < values.size(); ++d) {
-    if (std::ranges::count(folds[left_out], d) == 0) others.push_back(values[d]);
+    const std::vector<std::size_t>& fold = folds[left_out];
+    if (std::find(fold.begin(), fold.end(), d) == fold.end()) others.push_back(values[d]);
   }
   return others;
 }
