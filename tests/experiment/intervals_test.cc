@@ -383,6 +383,21 @@ TEST(CoverageTest, FiveClustersAreEnoughForTButNotForABootstrap) {
   EXPECT_LE(bootstrap, 0.88 * kRepetitions);
 }
 
+// Rounding of equal ratios must not pass for variation between units.
+TEST(EstimateContrastTest, EqualRatiosOfTrialsAreNoExactResult) {
+  std::vector<PairedCounts> units;
+  for (const int third : {1, 2, 3, 2, 1}) {
+    PairedCounts& unit = units.emplace_back();
+    unit.episodes = 60;
+    unit.completed = 3 * third;
+    unit.reference_completed = 10 * third;
+  }
+  const Interval interval = EstimateContrast(units).completion_ratio_interval.value();
+  const Interval exact = RateRatioInterval(27, 90);
+  EXPECT_LE(interval.low, exact.low);
+  EXPECT_GE(interval.high, exact.high);
+}
+
 TEST(AverageCurvesTest, EndedCurvesStayAtTheirLastValue) {
   const std::vector<std::vector<double>> curves = {{0.0, 1.0}, {2.0}, {1.0, 0.0, 3.0}};
   const MeanCurve average = AverageCurves(curves, 3);

@@ -239,7 +239,9 @@ std::optional<Interval> CountRatioInterval(std::span<const RatioPart> units, dou
     total.numerator += unit.numerator;
     total.denominator += unit.denominator;
   }
-  if (total.numerator >= kFew && !(interval && interval->low == interval->high)) return interval;
+  // Rounding alone gives equal ratios an interval of a width of about 1e-8.
+  const bool varies = !interval || interval->high - interval->low > 1e-6 * interval->high;
+  if (total.numerator >= kFew && varies) return interval;
   const auto n = static_cast<double>(units.size());
   const double mean = total.denominator / n;
   double squares = 0.0;
@@ -247,8 +249,10 @@ std::optional<Interval> CountRatioInterval(std::span<const RatioPart> units, dou
     squares += (unit.denominator - mean) * (unit.denominator - mean);
   }
   const double dispersion = std::max(1.0, squares / (n - 1.0) / mean);
-  const Interval exact =
-      RateRatioInterval(total.numerator, total.denominator / dispersion, confidence);
+  // Dispersion only widens the interval: its lower bound is that without dispersion.
+  const Interval exact{
+      RateRatioInterval(total.numerator, total.denominator, confidence).low,
+      RateRatioInterval(total.numerator, total.denominator / dispersion, confidence).high};
   if (!interval) return exact;
   return Interval{std::min(interval->low, exact.low), std::max(interval->high, exact.high)};
 }
