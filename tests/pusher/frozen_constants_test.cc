@@ -92,6 +92,8 @@ std::map<std::string, double> InTheCode() {
           {"guided::kRestDrift", control::guided::kRestDrift},
           {"guided::kPassDepthQuantile", control::guided::kPassDepthQuantile},
           {"guided::kDepthCorrections", control::guided::kDepthCorrections},
+          {"guided::kLeadsAway", control::guided::kLeadsAway},
+          {"guided::kMostAway", control::guided::kMostAway},
           {"guided::kLocalReach", control::guided::kLocalReach},
           {"guided::kUnknown", control::guided::kUnknown},
           {"guided::kMaxExitLevel", control::guided::kMaxExitLevel},

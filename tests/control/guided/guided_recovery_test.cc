@@ -372,5 +372,34 @@ TEST_F(GuidedRecoveryTest, TheSameStatesGiveTheSameControls) {
   EXPECT_EQ(controls(2), first);
 }
 
+// Beyond the exit level, controls that lead away from all demonstrations end the episode early. A
+// state that rests, moves along the demonstrations, returns once, or is near demonstrated states of
+// another phase is waited for.
+TEST_F(GuidedRecoveryTest, HaltsAfterFourControlsThatLeadAway) {
+  const auto policy = test::ConstantPolicy(2, 0.0);
+  const auto controls = [&](bool least, double dx, double dy, int back) {
+    GuidedController guided(policy, model, {.least_intervention = least, .observer = false});
+    guided.Reset(1);
+    std::vector<double> x = {0.0, 2.0};
+    int applied = 0;
+    while (guided.Next(x, u).mode != Mode::kHalt) {
+      ++applied;
+      const double sign = applied == back ? -1.0 : 1.0;
+      x = {x[0] + sign * dx, x[1] + sign * dy};
+    }
+    EXPECT_EQ(guided.halt_cause(), HaltCause::kNoProgress);
+    return applied;
+  };
+  constexpr int kPatience = GuidedOptions{}.patience;
+  for (const bool least : {false, true}) {
+    EXPECT_EQ(controls(least, 0.0, 0.05, 0), guided::kMostAway);
+    EXPECT_EQ(controls(least, -0.01, 0.05, 3), guided::kMostAway + 3)
+        << "the third control returns";
+    EXPECT_GE(controls(least, 0.05, 0.02, 0), kPatience) << "past demonstrations, slightly away";
+    EXPECT_GE(controls(least, 0.0, 0.0, 0), kPatience);
+    EXPECT_GE(controls(least, 0.0, -0.01, 0), kPatience);
+  }
+}
+
 }  // namespace
 }  // namespace dfr::control

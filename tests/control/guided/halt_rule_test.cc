@@ -16,10 +16,13 @@ TEST(HaltRuleTest, EachLimitIsReachedExactlyAndTimeComesFirst) {
   EXPECT_EQ(kRule({.controls = 51}), HaltCause::kIterationLimit);
   EXPECT_EQ(kRule({.waited = 4}), HaltCause::kNoProgress);
   EXPECT_EQ(kRule({.waited = 5}), HaltCause::kNoProgress);
+  EXPECT_EQ(kRule({.waited = 3, .away = 3}), HaltCause::kNone);
+  EXPECT_EQ(kRule({.away = 4}), HaltCause::kNoProgress);
   // The horizon takes precedence over limits that are reached at the same time.
   EXPECT_EQ(kRule({.time = 10.0, .controls = 50, .waited = 4}), HaltCause::kTimeUp);
   EXPECT_EQ(kRule({.time = 10.0, .waited = 4}), HaltCause::kTimeUp);
   EXPECT_EQ(kRule({.time = 9.0, .controls = 50, .waited = 4}), HaltCause::kIterationLimit);
+  EXPECT_EQ(kRule({.controls = 50, .away = 4}), HaltCause::kIterationLimit);
 }
 
 }  // namespace

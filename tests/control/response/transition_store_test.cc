@@ -13,6 +13,7 @@
 #include "dfr/core/files/archive.h"
 #include "dfr/core/matrix.h"
 #include "tests/support/message_of.h"
+#include "tests/support/random_matrix.h"
 
 namespace dfr::control {
 namespace {
@@ -47,6 +48,20 @@ TEST(TransitionStoreTest, ErrorsNameTheCulprit) {
   }
   controls[1] = core::Matrix::Ones(4, 2);
   EXPECT_THAT(message({}), testing::HasSubstr("demonstration 1"));
+}
+
+// With a window of no neighbours, the transitions of all time steps are measured in several blocks.
+TEST(TransitionStoreTest, TheNearestStateMayBelongToAnyTimeStep) {
+  core::Random random(5);
+  const core::Matrix states = test::RandomMatrix(random, 60, 3);
+  const TransitionStore prior({{states}}, {{core::Matrix::Ones(59, 1)}}, {.window = 1});
+  TransitionStore::Workspace workspace = prior.MakeWorkspace();
+  for (const int t : {0, 7, 58}) {
+    const Eigen::Vector3d z = states.row(t).transpose() + Eigen::Vector3d(0.3, -0.2, 0.1);
+    const double least = (states.topRows(59).rowwise() - z.transpose()).rowwise().norm().minCoeff();
+    EXPECT_NEAR(prior.Distance(core::AsSpan(z), workspace), least, 1e-6);
+  }
+  EXPECT_TRUE(std::isnan(prior.Distance(std::vector{0.0, std::nan(""), 0.0}, workspace)));
 }
 
 TEST(TransitionStoreTest, SurroundingsAreTheBoxOfAllStatesEnlargedByItsDiagonal) {

@@ -12,6 +12,12 @@ namespace dfr::control {
 
 using core::AsSpan;
 
+namespace {
+
+constexpr double kUnmeasured = std::numeric_limits<double>::infinity();
+
+}  // namespace
+
 GuidedController::GuidedController(const core::Policy& policy, const TaskView& task,
                                    const GuidedOptions& options)
     : policy_(&policy),
@@ -27,7 +33,8 @@ GuidedController::GuidedController(const core::Policy& policy, const TaskView& t
       filter_(task, options),
       tracker_(task.support()),
       chose_in_(tracker_),
-      moved_to_(tracker_) {
+      moved_to_(tracker_),
+      workspace_(task.response().prior()->MakeWorkspace()) {
   for (Eigen::VectorXd* v : {&z_, &seen_, &last_seen_, &dz_}) {
     *v = Eigen::VectorXd::Zero(task.features().num_features());
   }
@@ -42,6 +49,7 @@ void GuidedController::DoReset(std::uint64_t /*seed*/) noexcept {
   at_edge_.Reset();
   corrections_ = 0;
   relocations_ = 0;
+  distance_ = kUnmeasured;
 }
 
 Step GuidedController::DoNext(std::span<const double> x, std::span<double> u) noexcept {
@@ -77,6 +85,14 @@ void GuidedController::Relocate() noexcept {
   ++relocations_;
 }
 
+bool GuidedController::LeadsAway(double level) noexcept {
+  const double last = distance_;
+  distance_ = kUnmeasured;
+  if (!(level < -filter_.max_exit_level())) return false;
+  distance_ = task_.response().prior()->Distance(AsSpan(seen_), workspace_);
+  return distance_ - last > guided::kLeadsAway * (seen_ - last_seen_).norm();
+}
+
 Step GuidedController::Look() noexcept {
   Relocate();
   const core::LogDecisionFunction& support = task_.support();
@@ -86,6 +102,7 @@ Step GuidedController::Look() noexcept {
   if (!std::isfinite(step.log_g) || !task_.response().prior()->Reaches(AsSpan(z_))) {
     return Halted(step, HaltCause::kSupportInvalid);
   }
+  progress_.away = LeadsAway(step.log_g) ? progress_.away + 1 : 0;
   progress_.time = step.t;
   progress_.waited = tracker_.waited();
   const HaltCause cause = halt_rule_(progress_);

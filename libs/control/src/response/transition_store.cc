@@ -229,6 +229,21 @@ bool TransitionStore::Surrounds(std::span<const double> z) const noexcept {
   return (at >= lowest_.array()).all() && (at <= highest_.array()).all();
 }
 
+double TransitionStore::Distance(std::span<const double> z, Workspace& workspace) const noexcept {
+  workspace.z.head(feature_dim_) = core::AsVector(z).cast<float>();
+  const int rows = begin_.back();
+  float least = std::numeric_limits<float>::infinity();
+  for (int first = 0; first < rows; first += largest_) {
+    const float distance = internal::SquaredDistances(
+        points_.data() + first, static_cast<std::size_t>(points_.rows()),
+        static_cast<std::size_t>(feature_dim_), workspace.z.data(),
+        static_cast<std::size_t>(std::min(largest_, rows - first)), workspace.distances.data());
+    if (std::isnan(distance)) return std::numeric_limits<double>::quiet_NaN();
+    least = std::min(least, distance);
+  }
+  return std::sqrt(static_cast<double>(least));
+}
+
 bool TransitionStore::SumControls(int t, std::span<const double> z,
                                   Workspace& workspace) const noexcept {
   const auto [first, last] = Near(t);

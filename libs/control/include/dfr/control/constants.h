@@ -75,6 +75,11 @@ inline constexpr double kPassDepthQuantile = 0.05;
 /// GuidedController: after this number of consecutive corrections no control passes at the pass
 /// depth until a control passes without it. A policy that leaves the support does so repeatedly.
 inline constexpr int kDepthCorrections = 2;
+/// GuidedController: halts after kMostAway consecutive controls that led away. A control leads away
+/// if the distance to the nearest demonstrated state grows by more than this fraction of the change
+/// of the state: a motion within 60 degrees of the direction straight away.
+inline constexpr double kLeadsAway = 0.5;
+inline constexpr int kMostAway = 4;
 /// GuidedController: maximum number of relocations of the phase in an episode.
 inline constexpr int kMostRelocations = 2;
 

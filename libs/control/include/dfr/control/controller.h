@@ -27,7 +27,7 @@ enum class HaltCause {
   kEarlyStopping,   ///< 0 < g <= lambda |u|, and the strategy stops there.
   kIterationLimit,  ///< The controller reached its limit of recovery iterations or of controls.
   kNoDirection,     ///< A recovery found no direction of ascent.
-  kNoProgress,      ///< A recovery makes no further progress.
+  kNoProgress,      ///< Controls make no progress, or lead away from demonstrations.
   kViolated,        ///< A transition violated an assumption of a certificate.
   kControlLimit,    ///< The rollout reached its limit on applied controls.
   kPlantRefused,    ///< core::PlantStatus::kRefused

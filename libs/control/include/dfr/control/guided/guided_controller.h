@@ -36,6 +36,11 @@ namespace dfr::control {
 ///      contains the state most deeply, if any. Each search evaluates all supports. An episode has
 ///      at most guided::kMostRelocations relocations.
 ///
+/// Beyond the exit level a control leads away if the distance to the nearest state of all
+/// demonstrations grows by more than guided::kLeadsAway of the change of the state. After
+/// guided::kMostAway consecutive ones the controller halts (HaltRule). Each step beyond the exit
+/// level computes the distance to all demonstrated transitions.
+///
 /// A step is a recovery (Mode::kRecovery) if its control is derived from the nominal control. If it
 /// is derived from the learned control, the mode is Mode::kPolicy, and Step::filtered is set if the
 /// two differ. A control that passes is unchanged to the bit. Next() neither allocates nor locks.
@@ -79,6 +84,9 @@ class GuidedController final : public Controller {
   [[nodiscard]] Step Look() noexcept;
   /// Chooses v_ from the learned control `u`. Writes v_ to `u` if the two differ.
   [[nodiscard]] Step Decide(Step step, std::span<double> u) noexcept;
+  /// Returns true if the last control led away, from a state to one at `level`, both beyond the
+  /// exit level.
+  [[nodiscard]] bool LeadsAway(double level) noexcept;
   /// Looks up the phase again if the episode is stuck outside the support of the present phase.
   void Relocate() noexcept;
   /// Returns the lowest level of the support at `t` at which a learned control passes.
@@ -104,8 +112,10 @@ class GuidedController final : public Controller {
   EdgeStay at_edge_;     ///< Counts steps at the edge whose learned control passed.
   int corrections_ = 0;  ///< Consecutive controls that did not pass.
   int relocations_ = 0;
-  bool stays_ = false;       ///< The control of this step stays in the phase.
-  double stay_level_ = 0.0;  ///< StayLevel() of this step.
+  double distance_ = 0.0;  ///< Distance to the nearest demonstrated state; infinity if not needed.
+  TransitionStore::Workspace workspace_;  ///< For distance_.
+  bool stays_ = false;                    ///< The control of this step stays in the phase.
+  double stay_level_ = 0.0;               ///< StayLevel() of this step.
   Eigen::VectorXd z_;
   Eigen::VectorXd v_;  ///< The control of this step; after the step, the last applied control.
   Eigen::VectorXd seen_;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "dfr/control/constants.h"
 #include "dfr/control/controller.h"
 
 namespace dfr::control {
@@ -9,6 +10,7 @@ struct Progress {
   double time = 0.0;  ///< Consumed time steps; may be fractional.
   int controls = 0;   ///< Number of applied controls of any kind.
   int waited = 0;     ///< Number of controls since the phase last advanced.
+  int away = 0;       ///< Number of consecutive controls that led away from demonstrations.
 };
 
 /// Limits of an episode. The first limit reached is the cause of the halt.
@@ -19,11 +21,13 @@ struct HaltRule {
   /// of them starts outside the support.
   int patience = 12;
 
-  /// Returns kNone while the episode continues.
+  /// Returns kNone while the episode continues. kNoProgress also after guided::kMostAway
+  /// consecutive controls that led away from demonstrations.
   [[nodiscard]] HaltCause operator()(const Progress& progress) const noexcept {
     if (progress.time >= horizon) return HaltCause::kTimeUp;
     if (progress.controls >= max_controls) return HaltCause::kIterationLimit;
-    return progress.waited >= patience ? HaltCause::kNoProgress : HaltCause::kNone;
+    const bool stuck = progress.waited >= patience || progress.away >= guided::kMostAway;
+    return stuck ? HaltCause::kNoProgress : HaltCause::kNone;
   }
 };
 

@@ -92,6 +92,9 @@ class TransitionStore {
     Eigen::VectorXf residual;  ///< One factor per column of r, padded; see Share().
   };
   [[nodiscard]] Workspace MakeWorkspace() const;
+  /// Returns the distance from z to the nearest state of a transition at any time step, or
+  /// NaN if z is not finite or Reaches() is false. Changes `workspace`.
+  [[nodiscard]] double Distance(std::span<const double> z, Workspace& workspace) const noexcept;
   /// Computes the sums of v_i over transitions near time step `t`, or near the last time step if
   /// `t` is later. @returns false if there is no transition or z is not finite.
   bool SumControls(int t, std::span<const double> z, Workspace& workspace) const noexcept;
