@@ -376,7 +376,7 @@ std::vector<experiment::ReportTable> MakeRowTables(const std::vector<Row>& rows,
 
 experiment::ReportFigure MakeFigure(const std::vector<Row>& rows) {
   experiment::ReportFigure figure{
-      .heading = "Completion over intervention",
+      .heading = "Completion against intervention",
       .caption =
           "One plot per policy and one point per method that guards it, over all tasks and "
           "conditions. A good guard is at the upper left: it completes many episodes and changes "

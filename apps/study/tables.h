@@ -40,8 +40,8 @@ inline constexpr const char* kJudgedBy =
 /// passed in per cent / size of changes.
 [[nodiscard]] std::vector<experiment::ReportTable> MakeGrid(const std::vector<Row>& rows);
 
-/// Completion over intervention: one plot per policy, one point with its interval per method that
-/// guards it.
+/// Completion against intervention: one plot per policy, one point with its interval per method
+/// that guards it.
 [[nodiscard]] experiment::ReportFigure MakeFigure(const std::vector<Row>& rows);
 
 /// Returns the rows of a good policy (one that completes at least half of the episodes) in which
