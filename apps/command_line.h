@@ -41,7 +41,7 @@ inline const CLI::Validator kNotNegative(
     [](const std::string& text) { return core::MustNotBeNegative(text); }, "NONNEGATIVE");
 
 /// Returns the check of a share or a probability. `interval` is "[0, 1]" or "(0, 1]", for example;
-/// a parenthesis excludes the end beside it.
+/// a parenthesis excludes the end at which it stands.
 inline CLI::Validator ShareIn(const std::string& interval) {
   return {[interval](const std::string& text) {
             const std::optional<double> share = core::ParseNumber(text);

@@ -17,7 +17,7 @@
 
 namespace dfr::apps::planar_page {
 
-/// A learned policy to whose controls a user adds a disturbance.
+/// A learned policy plus a disturbance of its controls that the user sets.
 class PushedPolicy final : public core::Policy {
  public:
   explicit PushedPolicy(const core::Policy& learned) : learned_(&learned) {}

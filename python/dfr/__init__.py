@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 else:
 
     def __getattr__(name: str) -> Any:
-        """Import a module that needs other packages, at its first use."""
+        """Import a module that needs other packages, on first use."""
         if name in ("lerobot", "plot"):
             import importlib
 

@@ -68,8 +68,8 @@ class PythonRunner final : public experiment::TrialRunner {
         [&] { return ResultOf(runner_.attr("run")(method, start_seed, controller_seed)); });
   }
 
-  // Writes a page of states (.html), preceded by the plant's pictures if there are any, or only
-  // these pictures (.png).
+  // Writes a page (.html) with the plant's pictures, if any, and the states. For a .png, writes the
+  // pictures alone.
   bool Film(const std::vector<int>& methods, std::uint64_t start_seed,
             std::uint64_t controller_seed, const std::filesystem::path& path) override {
     const bool alone = path.extension() == ".png";

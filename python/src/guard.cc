@@ -400,7 +400,7 @@ dict
     step : int, the time step whose support certifies the state, or comes nearest to doing so.
     margin : float, l of the predicted state minus the required level.
     radius : float, largest change of the features that provably ends inside; negative outside.
-    ball_radius, shift : radius of a ball inside the support, centred at the features + shift.
+    ball_radius, shift : radius of a ball inside the support, centred on the features + shift.
     effect : ndarray, predicted change of the features.
 
 Raises

@@ -125,8 +125,8 @@ TEST_F(GuardFileTest, WrongContentWithAValidChecksumIsRefusedOrUsable) {
   EXPECT_LT(refused, 200);
 }
 
-// Each file has one value that no fit gives. Without the refusal, its guard would accept states
-// outside.
+// Each file has one value that no fit produces. If it were loaded, its guard would accept states
+// outside the support.
 TEST_F(GuardFileTest, OneContradictoryValueIsRefusedByName) {
   auto demonstrations = test::CorridorDemonstrations(2, 6, 4);
   constexpr double kConstant = 0.1234567;

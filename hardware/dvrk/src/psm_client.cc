@@ -19,7 +19,7 @@ using kinematics::Psm;
 using kinematics::PsmJoints;
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-constexpr double kTipSpeed = 1.0;  // m/s, upper bound of the wrist's speed
+constexpr double kTipSpeed = 1.0;  // m/s, upper bound on the wrist's speed
 
 // Returns the twist of the wrist in the frame in which `base` is given: m/s, then rad/s.
 Eigen::Matrix<double, 6, 1> Twist(const Eigen::Isometry3d& base, const PsmJoints& joints,

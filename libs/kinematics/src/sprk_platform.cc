@@ -11,7 +11,7 @@ constexpr double kBaseRadius = 3.0398 * 0.0254;
 constexpr double kPlateRadius = 3.188 * 0.0254;
 constexpr double kHalfPair = 0.540042611 / 2;  // half the angle between the two joints of a pair
 
-// Returns the polar angle of the joints of leg i. The legs form three pairs, centred at 150, 30 and
+// Returns the polar angle of the joints of leg i. The legs form three pairs, centred on 150, 30 and
 // 270 degrees.
 double JointAngle(int i) noexcept {
   constexpr std::array<double, 6> kPair = {150, 150, 30, 30, 270, 270};

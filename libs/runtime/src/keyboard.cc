@@ -13,7 +13,7 @@ namespace dfr::runtime {
 namespace {
 
 constexpr std::size_t kLongest = 4096;
-// No person types so much before a question.
+// Limit on input discarded before a question, bytes. Typed input is shorter.
 constexpr std::size_t kMostDiscarded = 1 << 20;
 
 bool HasInput(int file, double timeout_s) noexcept {

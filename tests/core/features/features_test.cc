@@ -48,7 +48,7 @@ TEST(FeatureSelectionTest, ErrorsNameTheFeatureAndTheValidOnes) {
   EXPECT_THAT(message(""), HasSubstr("no feature"));
 }
 
-// Fits and guard files name entries by such text.
+// Fits and guard files identify entries by this text.
 TEST(FeatureSelectionTest, ANameMayContainBracketsAndCommas) {
   StateLayout layout;
   layout.Add("pos [m]", 2);

@@ -19,8 +19,8 @@ std::string DescribeRest(const GuardModel& model, std::span<const core::Trajecto
 std::string DescribeJumps(const GuardModel& model,
                           std::span<const core::Trajectory> demonstrations);
 
-// Describes the entry of the actions whose largest value occurs in one demonstration, and exceeds
-// the values of all others by far. Default limits follow from this value.
+// Describes the entry of the actions whose largest value occurs in one demonstration and far
+// exceeds the values in all others. Default limits follow from this value.
 std::string DescribeLargest(std::span<const core::Trajectory> demonstrations);
 
 }  // namespace dfr::safety::internal

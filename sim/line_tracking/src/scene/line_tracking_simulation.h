@@ -11,8 +11,8 @@ namespace dfr::sim {
 /// MuJoCo's poses, which follow from the plant's state, and MuJoCo's cameras.
 struct LineTrackingPlant::Simulation {
   internal::SceneData data;
-  std::optional<internal::SceneView> endoscope;  ///< Created at the first use.
-  std::optional<internal::SceneView> outside;    ///< Created at the first use.
+  std::optional<internal::SceneView> endoscope;  ///< Created on first use.
+  std::optional<internal::SceneView> outside;    ///< Created on first use.
 };
 
 }  // namespace dfr::sim

@@ -13,7 +13,7 @@ enum class SprkStatus {
   kOk,
   kInvalid,       ///< An entry is not finite.
   kOutOfRange,    ///< The value is not representable in two digits.
-  kOutOfReach,    ///< The motion leaves the reach of the mechanism, at the goal or before.
+  kOutOfReach,    ///< The motion leaves the mechanism's reach, at the goal or on the way.
   kNotHomed,      ///< No successful Home() yet: the pose is unknown.
   kGoesHome,      ///< Hold() cannot stop the first Home(): only cutting the platform's power does.
   kTooSoon,       ///< Less than kSprkFramePeriod after the last frame.

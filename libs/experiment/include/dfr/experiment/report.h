@@ -20,7 +20,7 @@ namespace dfr::experiment {
 struct NamedStyle {
   std::string_view method;  ///< Name of the method in plans and on command lines, or an outcome.
   std::string_view name;    ///< Name shown to readers.
-  int style = 0;            ///< Number of a colour, dashes and marker.
+  int style = 0;            ///< Index of the colour, dashes and marker.
 };
 /// Returns all methods and outcomes with a predefined style.
 [[nodiscard]] std::span<const NamedStyle> NamedStyles();

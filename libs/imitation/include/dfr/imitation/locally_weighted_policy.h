@@ -22,7 +22,8 @@ struct LocallyWeightedOptions {
 /// a + B (z - z_0), fitted by weighted least squares around the current features z_0.
 ///
 /// The time step only selects the window. Immutable; concurrent calls are safe. The equations are
-/// on the stack, which limits a policy to kMaxFeatures features and kMaxControls control entries.
+/// stored on the stack. A policy therefore has at most kMaxFeatures features and kMaxControls
+/// control entries.
 class LocallyWeightedPolicy final : public core::Policy {
  public:
   static constexpr int kMaxFeatures = 24;

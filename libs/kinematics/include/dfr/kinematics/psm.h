@@ -37,7 +37,7 @@ enum class PsmGeneration { kClassic, kSi };
 class Psm {
  public:
   static constexpr double kJawLength = 0.0102;  ///< m, from the wrist-yaw axis to the jaw tips.
-  /// Upper bound of the distance of any point of the tool from the remote centre, m.
+  /// Upper bound on the distance of any point of the tool from the remote centre, m.
   static constexpr double kReach = 0.31;
 
   [[nodiscard]] static PsmJoints lower_limits(

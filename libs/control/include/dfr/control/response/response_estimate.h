@@ -54,7 +54,7 @@ class ResponseEstimate {
   void Reset() noexcept;
   /// Adds a measurement of `weight` >= 0: control `v` of duration s = `duration` changed the
   /// features `z` by `dz`. The measurement corrects the demonstrations' prediction: D' w of `fit`
-  /// is subtracted from `dz`, and A_on and E_on are then centred at the z of `fit`.
+  /// is subtracted from `dz`, and A_on and E_on are then centred on the z of `fit`.
   void Update(const LocalFit& fit, std::span<const double> z, std::span<const double> v,
               std::span<const double> dz, double duration, double weight) noexcept;
   /// Same as above at the z of `fit`, with weight 1 and the duration of `v`.
