@@ -39,7 +39,7 @@ inline void MustBeOfTask(const std::filesystem::path& file, const DemonstratedSh
            " entries";
   };
   throw std::runtime_error(file.string() + ": demonstrates another task: it has " + text(found) +
-                           "; needed are " + text(wanted) + ". `" + command +
+                           ", not " + text(wanted) + ". `" + command +
                            "` writes such demonstrations");
 }
 

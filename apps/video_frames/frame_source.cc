@@ -64,7 +64,7 @@ std::string CodecOf(const std::string& file) {
   const std::string codec = CodecOf(file);
   if (codec.empty()) {
     throw core::Error("is not a video that can be decoded: it has no list of frames",
-                      "is the download complete?");
+                      "check that the download is complete");
   }
   throw core::Error("cannot decode any frame of its codec '" + codec + "'",
                     "this OpenCV may lack the codec: ffmpeg -i OLD.mp4 -c:v libx264 NEW.mp4 "
@@ -123,7 +123,7 @@ void FrameSource::FailAtEnd() const {
   }
   throw core::Error(core::Format("ends after %lld frames; the episode has more states",
                                  static_cast<long long>(next_)),
-                    "is the download complete, and fps in meta/info.json right?");
+                    "check that the download is complete and fps in meta/info.json is right");
 }
 
 void FrameSource::Skip(std::int64_t frame) {

@@ -154,7 +154,7 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
             if not isinstance(name, Hashable):
                 raise TypeError(f"action_names must be names, not {name!r}")
             if self.action_names.count(name) > 1:
-                raise ValueError(f"action_names names {name!r} twice")
+                raise ValueError(f"action_names contains {name!r} twice")
         periods = [0.0 if entry is None else guard.periods[entry] for entry in self.positions or ()]
         self._angles = np.flatnonzero(periods)
         self._periods = np.array(periods)[self._angles]

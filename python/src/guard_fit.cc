@@ -30,7 +30,7 @@ core::StateLayout Layout(const std::vector<std::pair<std::string, Size>>& blocks
   core::StateLayout layout;
   for (const auto& [name, size] : blocks) {
     for (const auto& other : layout.blocks) {
-      DFR_THROW_UNLESS(other.name != name, "the layout names '" << name << "' twice");
+      DFR_THROW_UNLESS(other.name != name, "the layout contains '" << name << "' twice");
     }
     if (const int* const entries = std::get_if<int>(&size)) {
       layout.Add(name, *entries);

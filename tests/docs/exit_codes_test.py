@@ -195,7 +195,7 @@ class ExitCodesTest(unittest.TestCase):
                         done = self.run_program(program_path, "fit", "--demonstrations", str(path))
                         self.assertEqual((done.returncode, done.stdout), (1, ""))
                         self.assertEqual(done.stderr, f"{program}: {path}: demonstrates another task: it has states of tip[0:2] and "
-                                         f"controls of 2 entries; needed are {needed}. `{program} demonstrate` writes such demonstrations\n")
+                                         f"controls of 2 entries, not {needed}. `{program} demonstrate` writes such demonstrations\n")
 
     def test_a_wrong_name_is_reported_before_a_missing_file(self):
         for program, *calls in [

@@ -133,7 +133,7 @@ TEST_F(VideoTest, AnUnreadableVideoIsNamedWithTheRemedy) {
       {"/dev/video97", "/dev/video97: cannot be opened: No such file"},
       {"/dev/video97", "ls /dev/video*"},
       {"97", "/dev/video97"},
-      {"/dev/null", "is it a capture device"},
+      {"/dev/null", "check that it is a capture device"},
       {(folder_ / "none.avi").string(), "is the path right?"},
       {(folder_ / "text.avi").string(), "is not a video that can be decoded"}};
   for (const auto& [source, words] : rows) {

@@ -75,7 +75,7 @@ void ReportPictures(const CheckOptions& options, const hardware::EndoscopeOption
     Note(report, hardware::Name(status), hardware::Remedy(status));
   } else if (late && 10 * *worst > looks && 2 * *worst <= looks) {
     Note(report, std::string("occasionally: ") + hardware::Name(status),
-         "is the network, or the machine, overloaded?");
+         "check the load of network and machine");
   } else if (10 * *worst > looks) {
     std::string what = hardware::Name(status);
     if (status == FrameStatus::kWrongSize) {
@@ -146,7 +146,7 @@ void LookAt(const CheckOptions& options, const hardware::EndoscopeOptions& camer
   }
   if (10 * pictures.lost > pictures.received) {
     Note(report, std::to_string(pictures.lost) + " pictures were lost",
-         "is the network, or the machine, overloaded? send compressed pictures");
+         "check the load of network and machine, or send compressed pictures");
   }
 }
 

@@ -100,7 +100,7 @@ class Video {
       }
       if (open && !capture_.read(first_)) open = false;
     } catch (const cv::Exception& e) {
-      Fail(source_, std::string("OpenCV cannot open it: ") + e.what(), "is it a video?");
+      Fail(source_, std::string("OpenCV cannot open it: ") + e.what(), "check that it is a video");
     }
     if (!open && pipeline) {
       Fail(source_, "GStreamer delivers no pictures from this pipeline",
@@ -109,7 +109,8 @@ class Video {
     }
     if (!open && device) {
       Fail(source_, "delivers no pictures",
-           "is it a capture device (`v4l2-ctl --list-devices`)? is another program using it?");
+           "check that it is a capture device (`v4l2-ctl --list-devices`) that no other program "
+           "uses");
     }
     if (!open) Fail(source_, "is not a video that can be decoded", "is it complete?");
     if (first_.cols != options_.width || first_.rows != options_.height) {

@@ -111,7 +111,7 @@ Origin ToOrigin(const fdds::InstanceHandle_t& handle) noexcept {
 }
 
 [[noreturn]] void Refused(const char* what, const std::string& topic) {
-  throw std::runtime_error("DDS refuses to create a " + std::string(what) + " of " + topic +
+  throw std::runtime_error("DDS cannot create a " + std::string(what) + " of " + topic +
                            ": is it permitted in this domain's security profile?");
 }
 

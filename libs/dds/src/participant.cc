@@ -380,7 +380,7 @@ Participant::Participant(const ParticipantOptions& options)
   }
   if (impl_->publisher == nullptr || impl_->subscriber == nullptr) {
     throw core::Error(
-        "DDS refuses to create a participant in domain " + std::to_string(options.domain) +
+        "DDS cannot create a participant in domain " + std::to_string(options.domain) +
             ": too many processes in it, or its UDP ports are taken",
         "try another domain" + (options.security.empty()
                                     ? std::string()

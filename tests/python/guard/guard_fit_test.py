@@ -98,7 +98,7 @@ class GuardFitTest(unittest.TestCase):
             with self.subTest(message), self.assertRaisesRegex(TypeError, message):
                 dfr.Guard.fit(states, actions, **{"layout": LAYOUT, **options})
         for options, message in [
-            ({"layout": [("tip", 1), ("tip", 2)]}, "names 'tip' twice"),
+            ({"layout": [("tip", 1), ("tip", 2)]}, "contains 'tip' twice"),
             ({"false_alarms": 7}, "false_alarms must lie in"),
         ]:
             with self.subTest(message), self.assertRaisesRegex(ValueError, message):

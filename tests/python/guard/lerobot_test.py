@@ -168,7 +168,7 @@ class GuardStepTest(unittest.TestCase):
             (ValueError, {"positions": [1]}, "positions has 1 entries; actions of this guard have 2"),
             (ValueError, {"positions": [1, 3]}, "contains 3, but a state has 3 entries"),
             (ValueError, {"positions": [1, 1.5]}, "contains 1.5, which is neither a whole number"),
-            (ValueError, {"action_names": ["x", "x"]}, "action_names names 'x' twice"),
+            (ValueError, {"action_names": ["x", "x"]}, "action_names contains 'x' twice"),
             (TypeError, {"on_halt": "stop"}, "on_halt must be a function of info, not 'stop'"),
         ]:
             with self.assertRaisesRegex(error, message):

@@ -131,7 +131,7 @@ class LeRobotReader final : public DemonstrationReader {
         version != info.end() && version->is_string() ? version->get<std::string>() : "";
     if (!text.starts_with("v2.") && !text.starts_with("v3.")) {
       Fail(file, "codebase_version is '" + text +
-                     "'; v2.0 to v3.0 can be read. LeRobot's scripts convert to these");
+                     "'; v2.0 to v3.0 can be read. Convert it with LeRobot's scripts");
     }
     if (const auto robot = info.find("robot_type"); robot != info.end() && robot->is_string()) {
       environment_ = robot->get<std::string>();
@@ -266,7 +266,7 @@ class LeRobotReader final : public DemonstrationReader {
     if (!total->is_number_integer() || total->get<std::int64_t>() != actual) {
       Fail(InfoFile(folder_), std::string(key) + " is " + total->dump() +
                                   ", but the files below data hold " + std::to_string(actual) +
-                                  ": is the download complete?");
+                                  ": check that the download is complete");
     }
   }
 

@@ -153,7 +153,7 @@ void LeRobotVideos::ReadPlaces() {
         if (static_cast<std::int64_t>(found.values.size()) != file.num_rows(group) ||
             !std::ranges::all_of(found.values, [](double v) { return v >= 0.0 && v < 1e9; })) {
           Refuse(path, "column " + column + " does not hold one number >= 0 per row",
-                 "is the download complete?");
+                 "check that the download is complete");
         }
         return std::move(found.values);
       };
@@ -195,7 +195,7 @@ void LeRobotVideos::Read(const std::string& name, std::int64_t episode, core::Ma
     const auto place = video.places.find(episode);
     if (place == video.places.end()) {
       Refuse(folder_ / "meta" / "episodes", which + "is in none of the files",
-             "is the download complete?");
+             "check that the download is complete");
     }
     const auto& [chunk, file, from_s, to_s] = place->second;
     Fill(path, "chunk_index", std::to_string(chunk));

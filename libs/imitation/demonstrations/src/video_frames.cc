@@ -80,7 +80,7 @@ std::string VideoFrames::End() noexcept {
 void VideoFrames::Read(const VideoClip& clip, Eigen::Ref<core::Matrix> frames) {
   const std::string file = clip.file.string();
   if (!std::filesystem::exists(clip.file)) {
-    throw core::Error("does not exist", "is the download of the videos complete?");
+    throw core::Error("does not exist", "check that the download of the videos is complete");
   }
   if (file.find('\n') != std::string::npos) {
     throw core::Error("has a line break in its name", "rename it");

@@ -133,7 +133,7 @@ class FooterParser {
   ParquetFile::Chunk ReadChunk() {
     ParquetFile::Chunk chunk;
     thrift_.Struct([&](std::int64_t field, Thrift::Kind kind) {
-      if (field == 1) throw Malformed("keeps its columns in other files");
+      if (field == 1) throw Malformed("has its columns in other files");
       if (field == 3 && kind == Thrift::kStruct) {
         ReadColumn(chunk);
       } else {
