@@ -101,7 +101,8 @@ int RunProgram(const char* name, int argc, char** argv, Run run) {
   const bool written = std::cout.good() && std::fflush(stdout) == 0 && std::ferror(stdout) == 0;
   if (written || code != EXIT_SUCCESS) return code;
   std::cerr << name
-            << ": standard output could not be written, and is incomplete; is the disk full?\n";
+            << ": standard output could not be written, and is incomplete; check that the disk is "
+               "not full\n";
   return EXIT_FAILURE;
 }
 

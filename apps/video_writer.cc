@@ -60,7 +60,7 @@ void VideoWriter::Finish() {
   // OpenCV does not report that a picture could not be written. A pipe cannot be read again.
   if (std::filesystem::is_regular_file(file_.written()) &&
       CountPictures(file_.written()) < pictures_) {
-    throw std::runtime_error(name_ + ": the video is incomplete; is the disk full?");
+    throw std::runtime_error(name_ + ": the video is incomplete; check that the disk is not full");
   }
 }
 

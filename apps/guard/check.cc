@@ -227,7 +227,8 @@ class Collected {
       }
       const std::string text = core::Format(
           "the change of %s after step t is explained to %.0f %% by the action of step "
-          "t %c 1, but to %.0f %% by the action of step t: are actions and states out of step?",
+          "t %c 1, but to %.0f %% by the action of step t: check whether actions and states are "
+          "out of step",
           EntryName(*layout_, entry).c_str(), 100.0 * share, i == 0 ? '-' : '+',
           100.0 * as_recorded[entry]);
       problems.Warning("alignment", text);

@@ -44,7 +44,7 @@ imitation::DemonstrationSet Demonstrate(const sim::LineTrackingOptions& options,
   for (std::uint64_t i = 0; set.trajectories.size() < static_cast<std::size_t>(count); ++i) {
     if (set.discarded > count) {
       throw std::runtime_error(std::to_string(set.discarded) + " of " + std::to_string(i) +
-                               " demonstrations were unusable: is the arm's error too large?");
+                               " demonstrations were unusable: reduce the arm's error");
     }
     core::Trajectory trajectory;
     trajectory.seed = core::DeriveSeed(seed, {i});

@@ -77,7 +77,7 @@ FrameSource::FrameSource(std::string file) : file_(std::move(file)) {
   std::ifstream in(file_, std::ios::binary);
   if (!in) {
     throw core::Error(std::string("cannot be opened: ") + std::strerror(errno),
-                      "may this user read it?");
+                      "give this user permission to read it");
   }
   constexpr std::string_view kPointer = "version https://git-lfs";
   if (ReadBytes(in, kPointer.size()) == kPointer) {

@@ -121,7 +121,7 @@ TEST(PlatformCheckTest, NamesAMissingOrInvalidPort) {
     options.platform = port;
     EXPECT_THAT(Shown(CheckPlatform(options)),
                 AllOf(HasSubstr(std::string("[wrong] ") + port + ": cannot be opened"),
-                      HasSubstr("-> is the platform plugged in")));
+                      HasSubstr("-> check that the platform is plugged in")));
   }
   options.platform = "/dev/null";
   EXPECT_THAT(Shown(CheckPlatform(options)), HasSubstr("is not a serial port"));

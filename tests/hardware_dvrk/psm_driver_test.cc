@@ -355,7 +355,7 @@ TEST(PsmDriverNoConsoleTest, ReportsAMissingConsole) {
                 driver, 3.0, [&](std::string_view text) { said.emplace_back(text); }, {}, clock),
             PsmStatus::kNoConsole);
   EXPECT_THAT(said, testing::ElementsAre(HasSubstr("waiting: PSM3")));
-  EXPECT_THAT(driver.Explain(), HasSubstr("is the console (or dvrk_simulator) running"));
+  EXPECT_THAT(driver.Explain(), HasSubstr("start the console (or dvrk_simulator)"));
   EXPECT_THROW(PsmDriver(participant, {.arm = "/PSM1"}), std::invalid_argument);
 }
 

@@ -134,7 +134,7 @@ TEST_F(VideoTest, AnUnreadableVideoIsNamedWithTheRemedy) {
       {"/dev/video97", "ls /dev/video*"},
       {"97", "/dev/video97"},
       {"/dev/null", "check that it is a capture device"},
-      {(folder_ / "none.avi").string(), "is the path right?"},
+      {(folder_ / "none.avi").string(), "check the path"},
       {(folder_ / "text.avi").string(), "is not a video that can be decoded"}};
   for (const auto& [source, words] : rows) {
     EXPECT_THAT(ErrorOf(source, test::SmallPictures()), HasSubstr(words));

@@ -239,7 +239,7 @@ TEST(ReadRecordingTest, OtherFilesAreRefusedByName) {
     return dfr::test::MessageOf<std::runtime_error>(
         [&] { static_cast<void>(ReadRecording(folder / name)); });
   };
-  EXPECT_THAT(complaint("missing"), testing::HasSubstr("does it exist?"));
+  EXPECT_THAT(complaint("missing"), testing::HasSubstr("check that it exists"));
   Save(folder / "text", "a text of some length");
   EXPECT_THAT(complaint("text"), testing::HasSubstr("does not begin as an MCAP file"));
   std::string foreign = SmallFile(folder);

@@ -121,7 +121,7 @@ void ReportTopics(const CheckOptions& options, const CheckedArm& arm, DeviceRepo
       Wrong(report, "a publisher on " + full + " does not match (QoS)",
             "it must be reliable, and transient-local for operating_state and error");
     } else if (needed) {
-      Wrong(report, "no program publishes " + full, "is this a CRTK console, dVRK 2.0 or later?");
+      Wrong(report, "no program publishes " + full, "use a CRTK console, dVRK 2.0 or later");
     } else {
       Note(report, "no program publishes " + full,
            "the arm works without it; the driver reports less");
@@ -242,7 +242,7 @@ void MoveALittle(const CheckOptions& options, CheckedArm& arm, Permit& permit,
       Wrong(report,
             "told to move its instrument by 2 mm along the shaft, the arm measured " +
                 Text(moved, 2) + " mm",
-            "does another program hold the arm, or is the instrument stuck?");
+            "check whether another program holds the arm or the instrument is stuck");
     }
   }
   arm.Hold();
@@ -275,7 +275,7 @@ dds::EmergencyStop ListenToArm(const CheckOptions& options, CheckedArm& arm, Dev
     Wrong(report,
           std::string("no program subscribes to ") +
               (arm.request_subscribers() == 0 ? "state_command" : "servo_cp"),
-          "is this only a monitor? a console subscribes to both");
+          "start the console, which subscribes to both; a monitor does not");
   } else {
     Ok(report, "the console subscribes to state_command and servo_cp");
   }

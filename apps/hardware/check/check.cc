@@ -111,7 +111,7 @@ DeviceReport CheckPlatform(const CheckOptions& options, const StopState& stop) {
     }
   } catch (const core::Error& e) {
     Wrong(report, std::string(e.problem()),
-          e.remedy().empty() ? "is this the platform's port?" : std::string(e.remedy()));
+          e.remedy().empty() ? "check that this is the platform's port" : std::string(e.remedy()));
   }
   return report;
 }

@@ -47,13 +47,12 @@ class Permit {
       Wrong(report, "the emergency stop is pressed, or was pressed during the check",
             "release it, and run this check again");
     } else if (found_.only_datagrams_silent) {
-      Wrong(
-          report, "the emergency stop is heard over DDS, but not by datagram",
-          "do both machines' clocks agree, and does a firewall drop UDP broadcasts? if broadcasts "
-          "cannot pass, give --no-datagrams");
+      Wrong(report, "the emergency stop is heard over DDS, but not by datagram",
+            "check that both machines' clocks agree and no firewall drops UDP broadcasts; if "
+            "broadcasts cannot pass, give --no-datagrams");
     } else if (ended_) {
       Wrong(report, "the emergency stop became silent: nothing is moved further",
-            "does `hardware stop` still run, and does the network lose its messages?");
+            "check that `hardware stop` still runs and the network loses no messages");
     } else {
       Wrong(report, "no emergency stop was found, and nothing is moved without one",
             "run `hardware stop` in this domain, or give --without-stop in a simulation");

@@ -22,7 +22,7 @@ struct StatusWords {
 constexpr StatusWords kStatusWords[] = {
     {FrameStatus::kOk, "ok", ""},
     {FrameStatus::kNever, "no picture has arrived yet",
-     "does any program publish images on this topic, in this DDS domain?"},
+     "check that a program publishes images on this topic, in this DDS domain"},
     {FrameStatus::kSilent, "no picture has arrived for too long",
      "check the camera's program, the cable and the network"},
     {FrameStatus::kOld, "pictures are too old",

@@ -38,13 +38,13 @@ void CheckReadable(const std::string& path, bool device) {
     return;
   }
   const int error = errno;
-  std::string remedy = "is the path right?";
+  std::string remedy = "check the path";
   if (device && (error == ENOENT || error == ENODEV || error == ENXIO)) {
-    remedy = "is the camera or frame grabber plugged in? `ls /dev/video*` lists the devices";
+    remedy = "plug in the camera or frame grabber; `ls /dev/video*` lists the devices";
   } else if (device && (error == EACCES || error == EPERM)) {
     remedy = "add the user to the group video (`sudo adduser $USER video`) and log in again";
   } else if (error == EACCES) {
-    remedy = "may this user read it?";
+    remedy = "give this user permission to read it";
   } else if (error == EBUSY) {
     remedy = "another program has it open; `fuser` names it";
   }
@@ -112,7 +112,7 @@ class Video {
            "check that it is a capture device (`v4l2-ctl --list-devices`) that no other program "
            "uses");
     }
-    if (!open) Fail(source_, "is not a video that can be decoded", "is it complete?");
+    if (!open) Fail(source_, "is not a video that can be decoded", "check that it is complete");
     if (first_.cols != options_.width || first_.rows != options_.height) {
       Fail(source_,
            "delivers pictures of " + std::to_string(first_.cols) + " x " +

@@ -56,9 +56,9 @@ robot::ThreadHealth EmergencyStopMonitor::Report() noexcept {
            only_datagrams_silent_ && clocks_differ_
                ? "the machines' clocks differ by over 1 s: set both by NTP or PTP"
            : only_datagrams_silent_
-               ? "heard over DDS, but not by datagram: does a firewall drop UDP broadcasts?"
+               ? "heard over DDS, but not by datagram: check that no firewall drops UDP broadcasts"
            : num_buttons_ > 1 ? "one of several buttons went silent"
-                              : "no message from it: is `hardware stop` running?"},
+                              : "no message from it: check that `hardware stop` is running"},
           checked_ns};
 }
 

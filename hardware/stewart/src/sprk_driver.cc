@@ -29,8 +29,8 @@ const char* OpenRemedy(int error) {
     case ENOENT:
     case ENXIO:
     case ENODEV:
-      return "is the platform plugged in and powered? `ls /dev/ttyACM* /dev/ttyUSB*` shows the "
-             "serial ports";
+      return "check that the platform is plugged in and powered; `ls /dev/ttyACM* /dev/ttyUSB*` "
+             "shows the serial ports";
     case EACCES:
     case EPERM:
       return "add the user to the port's group (`sudo adduser $USER dialout`) and log in again";
@@ -74,7 +74,7 @@ int OpenPort(const std::string& device) {
   constexpr tcflag_t kShape = CSIZE | CSTOPB | PARENB | CRTSCTS;
   if (::cfgetospeed(&set) != B57600 || (set.c_cflag & kShape) != (port.c_cflag & kShape) ||
       (set.c_oflag & OPOST) != 0) {
-    Fail(fd, device, "does not accept 57600 8N1", EINVAL, "is this the platform's port?");
+    Fail(fd, device, "does not accept 57600 8N1", EINVAL, "check that this is the platform's port");
   }
   ::tcflush(fd, TCIOFLUSH);
   return fd;

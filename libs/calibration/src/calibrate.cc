@@ -183,7 +183,7 @@ line_task::LineCalibration Calibrate(std::span<const vision::CalibrationFrame> f
   DFR_THROW_UNLESS(usable.size() >= 10,
                    "calibration: at least 10 frames must show the tip and 4 marks, but only "
                        << usable.size() << " of " << frames.size()
-                       << " do; are target and tip in the picture?");
+                       << " do; keep target and tip in the picture");
 
   CameraBlock camera = {guess.camera.fx, guess.camera.fy, guess.camera.cx, guess.camera.cy};
   std::copy(guess.camera.distortion.begin(), guess.camera.distortion.end(), camera.begin() + 4);

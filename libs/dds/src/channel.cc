@@ -112,7 +112,7 @@ Origin ToOrigin(const fdds::InstanceHandle_t& handle) noexcept {
 
 [[noreturn]] void Refused(const char* what, const std::string& topic) {
   throw std::runtime_error("DDS cannot create a " + std::string(what) + " of " + topic +
-                           ": is it permitted in this domain's security profile?");
+                           "; check that this domain's security profile permits it");
 }
 
 }  // namespace

@@ -33,7 +33,7 @@ class File {
     // Reads specify size and position; a buffer would read the same bytes many times.
     in_.rdbuf()->pubsetbuf(nullptr, 0);
     in_.open(path, std::ios::binary | std::ios::ate);
-    if (!in_) throw std::runtime_error("cannot read the log " + name_ + ": does it exist?");
+    if (!in_) throw std::runtime_error("cannot read the log " + name_ + "; check that it exists");
     size_ = static_cast<std::uint64_t>(in_.tellg());
     in_.seekg(0);
   }

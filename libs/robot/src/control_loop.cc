@@ -91,7 +91,8 @@ void ControlLoop::CheckThreads() noexcept {
   }
   if (interrupted != nullptr && *interrupted) machine_.Hold(HoldReason::kOperator, "interrupted");
   if (recorder != nullptr && recorder->failed()) {
-    machine_.Hold(HoldReason::kRecorder, "the recording cannot be written: is the disk full?");
+    machine_.Hold(HoldReason::kRecorder,
+                  "the recording cannot be written: check that the disk is not full");
   }
   if (recorder != nullptr) recorder->Period(found, stop_found, machine_.state(), clock->WallNs());
   const bool ends_homing = arm->homing() && machine_.blocking() != HoldReason::kNone;

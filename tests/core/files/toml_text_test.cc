@@ -153,8 +153,9 @@ TEST(TomlTextTest, OpenQuotesAreRefused) {
 }
 
 TEST(TomlTextTest, RefusesBinaryInput) {
-  EXPECT_EQ(Error("a = 1\n\x01"),
-            "run.toml:2: there is the control character 1; is this a configuration file?");
+  EXPECT_EQ(
+      Error("a = 1\n\x01"),
+      "run.toml:2: there is the control character 1; check that this is a configuration file");
   for (const char* broken : {"# \xC3", "# \x80", "# \xF8\x80", "# \xE0\x80"}) {
     EXPECT_THAT(Error(broken), testing::HasSubstr("not UTF-8")) << broken;
   }

@@ -259,7 +259,7 @@ std::string CheckToml(const std::filesystem::path& file, std::string_view text) 
         1 + std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(at), '\n');
     throw std::runtime_error(file.string() + ":" + std::to_string(line) + ": " + what);
   };
-  const std::string whole_file = "; is this a configuration file?";
+  const std::string whole_file = "; check that this is a configuration file";
   if (text.size() > kMost) fail(0, "the file is longer than a mebibyte" + whole_file);
   for (std::size_t i = 0; i < text.size();) {
     const auto byte = static_cast<unsigned char>(text[i]);

@@ -38,10 +38,10 @@ void CheckCertificate(const std::filesystem::path& file, X509& certificate,
   switch (error) {
     case X509_V_ERR_CERT_HAS_EXPIRED:
       Wrong(which, "expired on " + internal::Timestamp(*X509_get0_notAfter(&dated)),
-            std::string(kRemake) + ", or is this machine's clock wrong?");
+            std::string(kRemake) + ", or correct this machine's clock");
     case X509_V_ERR_CERT_NOT_YET_VALID:
       Wrong(which, "is not valid before " + internal::Timestamp(*X509_get0_notBefore(&dated)) +
-                       ": is this machine's clock right?");
+                       ": correct this machine's clock");
     default:
       Wrong(file, "was not signed by the authority '" + internal::CommonName(ca) + "' of " +
                       ca_file.string() + " (" + X509_verify_cert_error_string(error) +

@@ -207,7 +207,7 @@ void LeRobotVideos::Read(const std::string& name, std::int64_t episode, core::Ma
              which + core::Format("%.6g s to %.6g s are %lld frames; the episode has %lld states",
                                   from_s, to_s, static_cast<long long>(frames),
                                   static_cast<long long>(clip.count)),
-             "is fps in meta/info.json right?");
+             "check fps in meta/info.json");
     }
   }
   const std::filesystem::path below(path);
