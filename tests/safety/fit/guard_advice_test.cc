@@ -221,6 +221,28 @@ TEST(GuardAdviceTest, DelayedActionsAreNamedWithTheirDelay) {
   EXPECT_THAT(fit(-1), testing::Contains(HasSubstr("recorded one step later")));
 }
 
+TEST(GuardAdviceTest, CopiesOfDemonstrationsAreNamed) {
+  auto demonstrations = test::CorridorDemonstrations(1, 20);
+  const auto warnings = [&] {
+    return Warnings(*GuardModel::Fit(test::CorridorLayout(), demonstrations,
+                                     {.features = "tip", .action_limit = {0.2}}));
+  };
+  EXPECT_THAT(warnings(), testing::Each(testing::Not(HasSubstr("repeats"))));
+  demonstrations.push_back(demonstrations[3]);
+  EXPECT_THAT(warnings(),
+              testing::Contains(HasSubstr("demonstration 20 repeats demonstration 3: a copy")));
+  demonstrations.push_back(demonstrations[7]);
+  demonstrations.push_back(demonstrations[3]);
+  EXPECT_THAT(warnings(),
+              testing::Contains(HasSubstr(
+                  "demonstration 20 repeats demonstration 3, and 2 others are copies, too")));
+  // Equal motions under other actions are no copies.
+  demonstrations.resize(20);
+  demonstrations.push_back(demonstrations[3]);
+  demonstrations.back().controls(0, 0) += 1e-9;
+  EXPECT_THAT(warnings(), testing::Each(testing::Not(HasSubstr("repeats"))));
+}
+
 TEST(GuardAdviceTest, OneWrongValueInARecordingIsNamed) {
   const auto demonstrations = test::CorridorDemonstrations(1, 40);
   const auto model = GoodModel();

@@ -314,8 +314,9 @@ std::vector<std::string> FitWarnings(const GuardModel& model,
         "outside: leave such entries out of the features, except objects that move by themselves");
   }
   for (std::string fault :
-       {DescribeRepeated(model, demonstrations), DescribeDelay(model, ordered),
-        internal::DescribeRest(model, steady), internal::DescribeJumps(model, demonstrations),
+       {internal::DescribeCopies(demonstrations), DescribeRepeated(model, demonstrations),
+        DescribeDelay(model, ordered), internal::DescribeRest(model, steady),
+        internal::DescribeJumps(model, demonstrations),
         internal::DescribeLargest(demonstrations)}) {
     if (!fault.empty()) warnings.push_back(std::move(fault));
   }

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <vector>
 
 #include "dfr/core/features/absolute_actions.h"
@@ -45,7 +46,31 @@ bool IsRotation(const core::StateMap& map, int entry) {
          });
 }
 
+bool Equal(const core::Matrix& a, const core::Matrix& b) {
+  return a.rows() == b.rows() && a.cols() == b.cols() && a == b;
+}
+
 }  // namespace
+
+std::string DescribeCopies(std::span<const core::Trajectory> demonstrations) {
+  int copies = 0;
+  std::string pair;
+  for (std::size_t d = 1; d < demonstrations.size(); ++d) {
+    const core::Trajectory& copy = demonstrations[d];
+    const auto original =
+        std::ranges::find_if(demonstrations.first(d), [&](const core::Trajectory& other) {
+          return Equal(copy.states, other.states) && Equal(copy.controls, other.controls);
+        });
+    if (original == demonstrations.begin() + static_cast<std::ptrdiff_t>(d)) continue;
+    if (++copies > 1) continue;
+    pair = core::Format("demonstration %zu repeats demonstration %td", d,
+                        original - demonstrations.begin());
+  }
+  if (copies == 0) return "";
+  return pair + (copies > 1 ? core::Format(", and %d others are copies, too", copies - 1) : "") +
+         ": a copy of a left-out demonstration remains in the fit, so that the shares of left-out "
+         "demonstrations are too good and alarms are too frequent. Leave copies out";
+}
 
 std::string DescribeRest(const GuardModel& model,
                          std::span<const core::Trajectory> demonstrations) {

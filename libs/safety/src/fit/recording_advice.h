@@ -9,6 +9,10 @@
 // Advice on recordings, for FitWarnings(). Each function returns "" if it finds nothing.
 namespace dfr::safety::internal {
 
+// Describes demonstrations that repeat another one: cross-validation leaves one out, and its copy
+// remains.
+std::string DescribeCopies(std::span<const core::Trajectory> demonstrations);
+
 // Describes robots that rest under ordinary actions, as an arm against gravity does if actions are
 // torques. A rest lasts five steps or more: a shorter one may be a delay. Entries of the state that
 // advance uniformly, like a clock, do not count.
