@@ -1,26 +1,19 @@
 #include <algorithm>
 #include <cstdio>
-#include <stdexcept>
 #include <string>
 #include <vector>
 
 #include "commands.h"
 #include "dfr/experiment/intervals.h"
-#include "dfr/imitation/demonstrations.h"
 #include "dfr/safety/guard.h"
 #include "dfr/safety/guard_advice.h"
+#include "replay.h"
 
 namespace dfr::apps::guard {
 
 void RunEvaluate(const EvaluateOptions& options) {
   const auto model = LoadGuard(options.guard);
-  const auto reader = imitation::OpenDemonstrations(options.demonstrations, options.filter_key,
-                                                    imitation::PictureRequests(model->layout()));
-  if (reader->layout() != model->layout()) {
-    throw std::runtime_error(options.demonstrations.string() +
-                             ": states have blocks different from those of " +
-                             options.guard.string());
-  }
+  const auto reader = OpenEpisodes(*model, options.demonstrations, options.filter_key);
   safety::Guard guard(model);
   std::vector<double> micros;
   int alarms = 0;

@@ -12,6 +12,38 @@
 #include "dfr/safety/guard.h"
 
 namespace dfr::apps::guard {
+namespace {
+
+// Names the blocks of a state with their sizes, as in "object (2), tip (3)".
+std::string Named(const core::StateLayout& layout) {
+  std::string names;
+  for (const auto& block : layout.blocks) {
+    names += (names.empty() ? "" : ", ") + block.name + " (" + std::to_string(block.size) + ")";
+  }
+  return names;
+}
+
+}  // namespace
+
+std::unique_ptr<imitation::DemonstrationReader> OpenEpisodes(const safety::GuardModel& model,
+                                                             const std::filesystem::path& path,
+                                                             const std::string& filter_key) {
+  auto reader =
+      imitation::OpenDemonstrations(path, filter_key, imitation::PictureRequests(model.layout()));
+  if (reader->layout() != model.layout()) {
+    throw std::runtime_error(path.string() + ": states consist of " + Named(reader->layout()) +
+                             ", but the guard's of " + Named(model.layout()) +
+                             ": use episodes with the guard's states, or fit a guard to these");
+  }
+  const int expected = model.action_dim();
+  if (reader->control_dim() != expected) {
+    throw std::runtime_error(path.string() + ": actions have " +
+                             std::to_string(reader->control_dim()) +
+                             " entries, but the guard's have " + std::to_string(expected) +
+                             ": use episodes with the guard's actions, or fit a guard to these");
+  }
+  return reader;
+}
 
 bool CanCertify(const safety::GuardModel& model) {
   return model.settings().direction_error > 0.0 && !model.task().single_precision();
@@ -112,11 +144,7 @@ std::vector<ReplayedEpisode> Replay(const std::shared_ptr<const safety::GuardMod
                                     const std::filesystem::path& path,
                                     const std::string& filter_key, const SeeStates& see) {
   const safety::GuardModel& model = *shared;
-  const auto reader =
-      imitation::OpenDemonstrations(path, filter_key, imitation::PictureRequests(model.layout()));
-  if (reader->layout() != model.layout()) {
-    throw std::runtime_error(path.string() + ": states have blocks different from the guard's");
-  }
+  const auto reader = OpenEpisodes(model, path, filter_key);
   std::vector<ReplayedEpisode> episodes;
   safety::Guard guard(shared);
   for (int i = 0; i < reader->num_episodes(); ++i) {

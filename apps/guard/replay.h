@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "dfr/core/matrix.h"
+#include "dfr/imitation/demonstrations.h"
 #include "dfr/safety/guard_advice.h"
 #include "dfr/safety/guard_model.h"
 
@@ -25,6 +26,12 @@ struct ReplayedEpisode {
   int passing = 0;       ///< Number of actions that pass a certificate.
   safety::Shadow shadow = {};
 };
+
+/// Opens episodes to replay.
+/// @throws std::runtime_error naming the file if their states or actions are not the guard's.
+std::unique_ptr<imitation::DemonstrationReader> OpenEpisodes(const safety::GuardModel& model,
+                                                             const std::filesystem::path& path,
+                                                             const std::string& filter_key);
 
 /// Returns whether the guard's file contains the data that a certificate needs.
 bool CanCertify(const safety::GuardModel& model);

@@ -56,6 +56,17 @@ class GuardDataTest(GuardProgramTest):
         self.assertNotIn("demo_8 is the same", out)
         self.assertIn("2 errors", out)
 
+    def test_episodes_of_another_robot_are_refused_by_name(self):
+        self.fit("k.guard")
+        data = episodes(1, 3)
+        write_robomimic(self.folder / "hand.hdf5", [(o, np.hstack([u, u])) for o, u in data])
+        write_robomimic(self.folder / "eye.hdf5", [({**o, "eye": o["tip"]}, u) for o, u in data])
+        for command in ("evaluate", "report"):
+            out = self.run_guard(command, "k.guard", "hand.hdf5", fails=True)
+            self.assertRegex(out, r"guard: hand.hdf5: actions have 4 entries, but the guard's have 2: use")
+            out = self.run_guard(command, "k.guard", "eye.hdf5", fails=True)
+            self.assertRegex(out, r"guard: eye.hdf5: states consist of .*eye \(2\).*, but the guard's of .*tip \(2\).*: use")
+
     def test_repair_writes_the_readable_episodes(self):
         def cut_off(file):
             del file["data/demo_29"].attrs["num_samples"]
