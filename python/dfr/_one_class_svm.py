@@ -18,6 +18,7 @@ from dfr._validation import (
     OutlierMixin,
     check_rows,
     check_weights,
+    store_features,
 )
 
 # The tolerance of a fit of up to _SMALL samples is at most _ROUNDING times the sum of the coefficients.
@@ -153,11 +154,11 @@ class OneClassSVM(OutlierMixin, BaseEstimator):
             tolerance = min(tolerance, _ROUNDING * max(1.0, self.nu * total, smallest))
         # In addition to the kernel values, the solver keeps two reordered copies of X and some vectors.
         fixed_mib = rows.shape[0] * (16 * (rows.shape[1] + 1) + 128) / 2**20 + 1
-        self._gamma = self._gamma_of(rows)
+        gamma = self._gamma_of(rows)
         estimate, summary = _core.SupportEstimate.fit(
             rows,
             nu=self.nu,
-            gamma=self._gamma,
+            gamma=gamma,
             tolerance=tolerance,
             max_iterations=max(self.max_iter, 0),
             memory_mib=self.cache_size + fixed_mib,
@@ -165,6 +166,8 @@ class OneClassSVM(OutlierMixin, BaseEstimator):
             threads=1 if self.n_jobs is None else max(self.n_jobs, 0),
         )
 
+        self._gamma = gamma
+        store_features(self, X, rows.shape[1])
         self.estimate_ = estimate
         self.fit_summary_ = summary
         self.support_ = np.flatnonzero(summary.alpha).astype(np.int32)

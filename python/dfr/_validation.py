@@ -74,14 +74,15 @@ def _feature_names(X: Any) -> NDArray[np.object_] | None:
 def check_rows(estimator: Any, X: ArrayLike, fitting: bool) -> NDArray[np.float64]:
     """Return X as C-contiguous float64, without a copy if possible.
 
-    Check X as scikit-learn does, with the same messages. When fitting, store the number and the names
-    of the features in the estimator.
+    Check X as scikit-learn does, with the same messages.
     """
     name = type(estimator).__name__
     if hasattr(X, "toarray"):
         raise TypeError(
             f"A sparse matrix was passed, but {name} needs dense data. Use X.toarray() to convert it."
         )
+    if np.ma.is_masked(X):
+        raise ValueError("X has masked entries: fill or drop them.")
     names = _feature_names(X)
     rows = np.asarray(X)
     if np.iscomplexobj(rows):
@@ -109,11 +110,6 @@ def check_rows(estimator: Any, X: ArrayLike, fitting: bool) -> NDArray[np.float6
         raise ValueError(f"Input X contains {what}: row {bad[0]}, column {bad[1]}. {name} needs finite data.")
 
     if fitting:
-        estimator.n_features_in_ = rows.shape[1]
-        if names is not None:
-            estimator.feature_names_in_ = names
-        elif hasattr(estimator, "feature_names_in_"):
-            del estimator.feature_names_in_
         return rows
     if rows.shape[1] != estimator.n_features_in_:
         raise ValueError(
@@ -134,10 +130,22 @@ def check_rows(estimator: Any, X: ArrayLike, fitting: bool) -> NDArray[np.float6
     return rows
 
 
+def store_features(estimator: Any, X: ArrayLike, size: int) -> None:
+    """Store the number and the names of the features of X in a fitted estimator."""
+    estimator.n_features_in_ = size
+    names = _feature_names(X)
+    if names is not None:
+        estimator.feature_names_in_ = names
+    elif hasattr(estimator, "feature_names_in_"):
+        del estimator.feature_names_in_
+
+
 def check_weights(sample_weight: ArrayLike | None, n_samples: int) -> NDArray[np.float64] | None:
     """Return the weights as a float64 array after checking their number."""
     if sample_weight is None:
         return None
+    if np.ma.is_masked(sample_weight):
+        raise ValueError("sample_weight has masked entries: fill or drop them.")
     weights = np.asarray(sample_weight, dtype=np.float64, order="C")
     if weights.ndim != 1:
         raise ValueError(f"Sample weights must be 1D array or list, not {weights.ndim}D")

@@ -187,10 +187,22 @@ class WrongCalls(unittest.TestCase):
             (X[:1], None, "n_samples=1 .* minimum of 2"),
             (X, np.where(row == 3, -1.0, 1.0), "the weight of sample 3 is -1"),
             (X, np.zeros(20), "the weights must have a positive and finite sum"),
+            (np.ma.masked_less(X, 0.0), None, "X has masked entries: fill or drop them"),
+            (X, np.ma.masked_equal(row, 3), "sample_weight has masked entries: fill or drop them"),
             (X, [1, 2, 3], r"sample_weight.shape == \(3,\), expected \(20,\)"),
         ]:
             with self.subTest(message), self.assertRaisesRegex(ValueError, message):
                 dfr.OneClassSVM().fit(data, sample_weight=weight)
+
+    def test_a_failed_fit_leaves_the_last_one(self):
+        X = np.random.default_rng(0).normal(size=(20, 2))
+        svm = dfr.OneClassSVM().fit(X)
+        values, parameters = svm.decision_function(X), dict(vars(svm))
+        for more in ({"X": X[:, :1], "sample_weight": np.full(20, -1.0)}, {"X": 1e200 * X[:, :1]}):
+            with self.assertRaises(ValueError):
+                svm.fit(**more)
+            self.assertEqual(vars(svm), parameters)
+            np.testing.assert_array_equal(svm.decision_function(X), values)
 
     def test_a_fit_that_does_not_reach_its_tolerance_warns(self):
         X = np.random.default_rng(0).normal(size=(400, 3))
