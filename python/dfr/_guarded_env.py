@@ -168,7 +168,8 @@ class GuardedEnv(Wrapper):
                 f"the observation has no {', '.join(missing)}; it has {', '.join(obs)}. "
                 "Give GuardedEnv a function state(obs)."
             )
-        return np.concatenate([np.ravel(obs[name]) for name, _ in self.guard.layout])
+        # np.concatenate would forget masks; the guard refuses masked entries.
+        return np.ma.concatenate([np.ravel(obs[name]) for name, _ in self.guard.layout])
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode of the environment and of the guard, both with `seed`; for the guard, None means 0."""

@@ -27,7 +27,7 @@ except ImportError:
 def _to_numpy(values: Any) -> NDArray[np.float64]:
     if hasattr(values, "detach"):  # a tensor of torch; NumPy has no bfloat16
         values = values.detach().cpu().double().numpy()
-    return np.asarray(values, dtype=np.float64)
+    return np.ma.filled(np.ma.asarray(values, dtype=np.float64), np.nan)  # halts at a masked entry
 
 
 def _rounded(values: NDArray[np.float64], dtype: Any) -> NDArray[Any]:

@@ -236,6 +236,30 @@ class GuardedEnvTest(unittest.TestCase):
         with self.assertRaisesRegex(TypeError, r"guard must be a dfr.Guard, not 'task.guard': dfr.Guard.load"):
             dfr.GuardedEnv(Corridor(), "task.guard")
 
+    def test_a_masked_part_of_an_observation_is_refused(self):
+        class Dropout(Corridor):
+            def _observe(self):
+                return {"tip": np.ma.array(self.x[1:], mask=[False, self.x[0] == 2]), "clock": self.x[:1].copy()}
+
+        env = dfr.GuardedEnv(Dropout(), self.guard)
+        env.reset(seed=1)
+        for _ in range(2):
+            self.assertEqual(env.step(action_for(0.05, 0.0))[4]["guard"]["mode"], "policy")
+        with self.assertRaisesRegex(TypeError, "the array has masked entries: fill or drop them"):
+            env.step(action_for(0.05, 0.0))
+
+    def test_a_pipelines_step_halts_at_masked_entries(self):
+        clock, tip, action = np.zeros(1), np.zeros(2), action_for(0.05, 0.0)
+        for observed, wish, reason in [
+            (tip, action, "inside"),
+            (np.ma.array(tip, mask=[False, True]), action, "state-invalid"),
+            (tip, np.ma.array(action, mask=[True, False]), "control-invalid"),
+        ]:
+            step = dfr.lerobot.GuardStep(self.guard)
+            step.reset()
+            result = step({"observation": {"clock": clock, "tip": observed}, "action": wish})
+            self.assertEqual(result["info"]["guard"]["reason"], reason)
+
     def test_a_function_makes_states_of_observations(self):
         env = dfr.GuardedEnv(Corridor(as_dict=True), self.guard, state=lambda obs: [0.0, *obs["tip"]])
         env.reset(seed=1)
