@@ -16,7 +16,7 @@ import unittest
 
 import h5py
 import numpy as np
-from foreign_files import episodes, write_robomimic
+from foreign_files import episodes, write_minari, write_robomimic
 from guard_program import PROGRAM, GuardProgramTest
 
 sys.path.append(str(pathlib.Path(__file__).parent / "lerobot"))
@@ -30,6 +30,13 @@ class GuardDataTest(GuardProgramTest):
         a, b = (self.run_guard("show", name).splitlines() for name in ("a.guard", "b.guard"))
         self.assertNotEqual(a[0], b[0])
         self.assertEqual(a[1:], b[1:])
+
+    def test_a_minari_dataset_without_all_episodes_is_named(self):
+        write_minari(self.folder / "part-v0", episodes(1, 12))
+        with h5py.File(self.folder / "part-v0/data/main_data.hdf5", "r+") as file:
+            del file["episode_5"]
+        out = self.run_program("check", "part-v0")
+        self.assertIn("metadata.json declares 12 episodes, but the file holds 11: is the download complete?", out.stdout + out.stderr)
 
     def test_check_names_episode_and_key(self):
         def spoil(file):

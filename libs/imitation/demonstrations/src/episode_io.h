@@ -68,6 +68,7 @@ class EpisodeReader : public DemonstrationReader {
   [[nodiscard]] const std::string& note() const noexcept override { return note_; }
 
  protected:
+  void SetNote(std::string note) { note_ = std::move(note); }
   /// @param pictures  datasets of pictures to read as parts of the state.
   explicit EpisodeReader(Hdf5Reader file, std::vector<std::string> pictures = {})
       : file_(std::move(file)), pictures_(std::move(pictures)) {}

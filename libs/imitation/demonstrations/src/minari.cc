@@ -151,6 +151,12 @@ class MinariReader final : public internal::EpisodeReader {
       }
       return found->get<std::string>();
     };
+    const auto total = metadata.find("total_episodes");
+    if (note().empty() && total != metadata.end() && total->is_number_integer() &&
+        total->get<std::int64_t>() > num_episodes()) {
+      SetNote(path.string() + " declares " + total->dump() + " episodes, but the file holds " +
+              std::to_string(num_episodes()) + ": is the download complete?");
+    }
     const std::string format = text(metadata, "data_format", "hdf5");
     if (format != "hdf5") {
       throw std::runtime_error(path.string() + ": data_format is '" + format +
