@@ -44,6 +44,31 @@ TEST_F(PsmClientOnCartTest, HoldsWhenItsOwnFrameIsSilent) {
       PsmStatus::kStateSilent, [](PsmInput& input) { input.local_measured_cp.reset(); }, 12, true);
 }
 
+// Poses of different moments do not give the arm's base: its motion would remain unnoticed.
+TEST_F(PsmClientOnCartTest, HoldsWhenItsPosesAreOfDifferentMoments) {
+  const auto spoil = [](PsmInput& input) {
+    if (!input.local_measured_cp) return;
+    input.local_measured_cp->stamp =
+        dds::Stamp::FromNanoseconds(input.local_measured_cp->stamp.nanoseconds() - 4 * kMs);
+    CameraMoved(0.003)(input);
+  };
+  ExpectHold(PsmStatus::kStateSilent, spoil, 12, true);
+}
+
+TEST_F(PsmClientOnCartTest, IsNotArmedOnAnOldBase) {
+  Become(PsmConsoleState::kEnabled, true, false);
+  Steps(4);
+  for (int i = 0; i < 12; ++i) {
+    Step([](PsmInput& input) {
+      if (!input.local_measured_cp) return;
+      input.local_measured_cp->stamp =
+          dds::Stamp::FromNanoseconds(input.local_measured_cp->stamp.nanoseconds() - 4 * kMs);
+      CameraMoved(0.1)(input);
+    });
+  }
+  EXPECT_EQ(client_.Arm(), PsmStatus::kStateSilent);
+}
+
 TEST_F(PsmClientOnCartTest, IsNotArmedWithAnotherInstrument) {
   Become(PsmConsoleState::kEnabled, true, false);
   for (int i = 0; i < 4; ++i) {

@@ -144,7 +144,7 @@ void PsmClient::Pair() noexcept {
     return;
   }
   base_now_ = Transform(cp_) * Transform(local_cp_).inverse();
-  paired_ = true;
+  paired_ns_ = now_ns_;
 }
 
 void PsmClient::HoldBecause(PsmStatus cause, PsmOutput& output) noexcept {
@@ -324,7 +324,6 @@ PsmStatus PsmClient::Armable() const noexcept {
   if (hold_wanted_) return PsmStatus::kHeld;
   if (hold_reason_ != PsmStatus::kOk) return hold_reason_;
   if (!any_setpoint_) return PsmStatus::kStateSilent;
-  if (any_local_ && !paired_) return PsmStatus::kStateSilent;
   if (!FrameAgrees()) return PsmStatus::kFrameMismatch;
   const PsmJoints lag = (js_.position - setpoint_js_.position).cwiseAbs();
   return (lag.array() > options_.max_lag.array()).any() ? PsmStatus::kNotFollowing : PsmStatus::kOk;

@@ -71,6 +71,10 @@ PsmStatus PsmClient::MeasurementHoldReason() const noexcept {
       (any_local_ && !Finite(local_cp_))) {
     return PsmStatus::kStateNotFinite;
   }
+  // Without two poses of the same moment a motion of the base remains unnoticed.
+  if (any_local_ && Seconds(now_ns_ - paired_ns_) > options_.watchdog.max_silence_s) {
+    return PsmStatus::kStateSilent;
+  }
   return jumped_ ? PsmStatus::kStateJumped : PsmStatus::kOk;
 }
 

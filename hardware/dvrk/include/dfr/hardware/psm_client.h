@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <cstdint>
+#include <limits>
 #include <optional>
 
 #include "dfr/dds/messages.h"
@@ -36,7 +37,8 @@ struct PsmClientOptions {
       (kinematics::PsmJoints() << 0.01, 0.01, 0.002, 0.02, 0.02, 0.02).finished();
   double jump_distance_m = 0.005;  ///< Allowance for noise of measured_cp, > 0.
   /// Limits for measured_js, measured_cp and local/measured_cp. Only max_silence_s applies to
-  /// setpoint_js and, for a jaw that this client has moved, to jaw/setpoint_js.
+  /// setpoint_js, to pairs of measured_cp and local/measured_cp of the same moment and, for a jaw
+  /// that this client has moved, to jaw/setpoint_js.
   dds::WatchdogOptions watchdog = {};
   /// Maximum progress of a move in one step, s, > 0. After a late step the move takes longer
   /// instead of catching up in one jump.
@@ -290,6 +292,8 @@ class PsmClient {
   std::int64_t js_arrival_ns_ = 0;
   std::int64_t cp_arrival_ns_ = 0;
   std::int64_t local_arrival_ns_ = 0;
+  // Time of the poses that gave base_now_; at first long ago.
+  std::int64_t paired_ns_ = std::numeric_limits<std::int64_t>::min() / 2;
   std::int64_t setpoint_arrival_ns_ = 0;
   std::int64_t jaw_arrival_ns_ = 0;
   std::uint64_t num_samples_ = 0;
@@ -315,7 +319,6 @@ class PsmClient {
   bool any_js_ = false;
   bool any_cp_ = false;
   bool any_local_ = false;
-  bool paired_ = false;
   bool any_setpoint_ = false;
   bool any_jaw_setpoint_ = false;
   bool any_operating_ = false;
