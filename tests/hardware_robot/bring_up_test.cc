@@ -110,6 +110,25 @@ TEST_F(BringUpTest, APressedOrSilentStopMustEndAndBeCleared) {
   EXPECT_EQ(words_, (std::vector<std::string>{"clear", "home"}));
 }
 
+TEST_F(BringUpTest, APressDuringTheQuestionAboutASilentStopIsAskedAbout) {
+  robot_.stop.found = {HoldReason::kEmergencyStopSilent, "lost"};
+  const Confirms confirms = [&](std::string_view question, std::string_view word) {
+    questions_.emplace_back(question);
+    words_.emplace_back(word);
+    robot_.stop.found = {};
+    if (words_.size() == 1) {
+      robot_.stop.pressed = true;
+      robot_.loop.Idle(0.1);
+      robot_.stop.pressed = false;
+    }
+    return true;
+  };
+  EXPECT_EQ(Refusal(confirms), "");
+  EXPECT_EQ(words_, (std::vector<std::string>{"clear", "clear", "home"}));
+  EXPECT_NE(questions_.at(1).find("emergency-stop: pressed"), std::string::npos);
+  EXPECT_EQ(robot_.stop.acknowledged, 1);
+}
+
 // The operator may have pressed the stop because the arm must not move.
 TEST_F(BringUpTest, AStopPressedDuringTheQuestionMustBeClearedBeforeTheNextQuestion) {
   bool presses = true;

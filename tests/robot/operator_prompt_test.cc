@@ -32,6 +32,26 @@ class OperatorPromptTest : public testing::Test {
     robot_.loop.Hold(reason, "for the test");
     robot_.loop.Idle(1.0);
   }
+  void PressAndRelease() {
+    robot_.loop.Idle(0.5);
+    robot_.stop.pressed = true;
+    robot_.loop.Idle(0.5);
+    robot_.stop.pressed = false;
+  }
+  // Presses the stop during the question, types `word` and, at the next question, q.
+  [[nodiscard]] bool AllowsIfPressedBefore(std::string_view word) {
+    robot_.clock.plan_ns = robot_.clock.now_ns + 500'000'000;
+    robot_.clock.plan = [this, word] {
+      robot_.stop.pressed = true;
+      robot_.clock.plan_ns = robot_.clock.now_ns + 500'000'000;
+      robot_.clock.plan = [this, word] {
+        robot_.stop.pressed = false;
+        typed_.Type(word);
+        TypeLater("q\n");
+      };
+    };
+    return Allows();
+  }
   [[nodiscard]] bool Allows() { return prompt_.AllowsEpisode(robot_.loop, "Ready the robot"); }
 
   FakeRobot robot_;
@@ -103,6 +123,45 @@ TEST_F(OperatorPromptTest, AStopThatWasPressedWhileIdleHasToBeCleared) {
   TypeLater("\nq\n");
   EXPECT_FALSE(Allows());
   EXPECT_EQ(robot_.stop.acknowledged, 0);
+}
+
+TEST_F(OperatorPromptTest, AfterAStopWhileIdleAWordStartsTheEpisode) {
+  PressAndRelease();
+  robot_.clock.plan_ns = robot_.clock.now_ns + 500'000'000;
+  robot_.clock.plan = [this] {
+    typed_.Type("clear\n");
+    TypeLater("\nq\n");
+  };
+  EXPECT_FALSE(Allows()) << "Enter is not a word";
+  EXPECT_EQ(robot_.stop.acknowledged, 1);
+  EXPECT_EQ(robot_.loop.blocking(), HoldReason::kNone);
+}
+
+// An operator who has not been told of a press cannot confirm it.
+TEST_F(OperatorPromptTest, NamesAPressThatAnotherFaultHides) {
+  HoldFor(HoldReason::kArmSilent);
+  robot_.camera.found = {HoldReason::kImageSilent, "for the test"};
+  PressAndRelease();
+  TypeLater("q\n");
+  EXPECT_FALSE(Allows());
+  std::string text;
+  test::Eventually([&] { return (text += shown_.Text()).find("q ends") != std::string::npos; });
+  EXPECT_NE(text.find("faulted: arm-silent"), std::string::npos) << text;
+  EXPECT_NE(text.find("emergency-stop: pressed"), std::string::npos) << text;
+}
+
+TEST_F(OperatorPromptTest, AsksForClearAgainAfterAPressDuringTheQuestion) {
+  HoldFor(HoldReason::kArmSilent);
+  EXPECT_FALSE(AllowsIfPressedBefore("clear\n"));
+  EXPECT_EQ(robot_.stop.acknowledged, 0);
+}
+
+TEST_F(OperatorPromptTest, APressDuringTheQuestionVoidsTheAnswer) {
+  EXPECT_FALSE(AllowsIfPressedBefore("\n"));
+  ASSERT_TRUE(robot_.loop.Clear());
+  HoldFor(HoldReason::kStateJump);
+  EXPECT_FALSE(AllowsIfPressedBefore("start\n"));
+  EXPECT_EQ(robot_.loop.state(), RunState::kFaulted);
 }
 
 TEST_F(OperatorPromptTest, TheLoopKeepsRunningAtThePrompt) {

@@ -17,12 +17,14 @@ std::runtime_error NotReady(const BringUpOptions& robot) {
 void AwaitHomeable(const BringUpOptions& robot, const Say& say, const Confirms& confirms) {
   robot::ControlLoop& loop = *robot.loop;
   while (!loop.AwaitHomeable(robot.patience_s, say)) {
+    const bool pressed = loop.stop_pressed();
     const bool stopped = loop.blocking() == HoldReason::kEmergencyStop ||
                          loop.blocking() == HoldReason::kEmergencyStopSilent;
     if (!stopped || !confirms ||
         !confirms(loop.blocking_words() + ". Correct it, then type clear", "clear")) {
       throw NotReady(robot);
     }
+    if (loop.stop_pressed() && !pressed) continue;  // the operator does not know of the press
     static_cast<void>(loop.Clear());
   }
 }

@@ -78,7 +78,9 @@ void ControlLoop::CheckThreads() noexcept {
   if (!homing_ || !arm->needs_homing()) machine_.Hold(found.reason, found.detail);
   Finding stop_found;
   if (stop != nullptr) {
-    stop_found = CheckThread(stop->Report(), Ns(options_.max_stop_check_s),
+    const ThreadHealth health = stop->Report();
+    stop_pressed_ = health.finding.reason == HoldReason::kEmergencyStop;
+    stop_found = CheckThread(health, Ns(options_.max_stop_check_s),
                              {HoldReason::kEmergencyStopSilent, "its listening thread hangs"});
   }
   if (!homing_) {  // homing needs no pictures

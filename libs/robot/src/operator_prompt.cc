@@ -32,21 +32,35 @@ bool OperatorPrompt::Confirms(ControlLoop& loop, std::string_view question, std:
 bool OperatorPrompt::AllowsEpisode(ControlLoop& loop, const std::string& task) {
   using runtime::HoldReason;
   using runtime::RunState;
+  std::string cleared;  // what the operator has cleared
   while (true) {
     const bool faulted = loop.state() == RunState::kFaulted;
-    // The emergency stop was pressed, or went silent, while the robot was idle.
-    const bool stopped =
-        loop.state() == RunState::kIdle && (loop.blocking() == HoldReason::kEmergencyStop ||
-                                            loop.blocking() == HoldReason::kEmergencyStopSilent);
-    if (!faulted && !stopped) break;
-    const std::string what = faulted ? "faulted: " + loop.cause() : loop.blocking_words();
-    if (!Confirms(loop, what + ". Correct it, then type clear", "clear")) return false;
-    if (!loop.Clear()) printer_->Say("the reason remains: %s\n", loop.blocking_words().c_str());
+    // The emergency stop was pressed, or is silent, while the robot is idle.
+    const bool pressed = loop.stop_pressed();
+    const bool stopped = pressed || (loop.state() == RunState::kIdle &&
+                                     loop.blocking() == HoldReason::kEmergencyStopSilent);
+    if (faulted || stopped) {
+      std::string what = faulted ? loop.cause() : loop.blocking_words();
+      const std::string press =
+          std::string(runtime::Name(HoldReason::kEmergencyStop)) + ": pressed";
+      if (pressed && what != press) what += "; " + press;
+      const std::string question =
+          (faulted ? "faulted: " : "") + what + ". Correct it, then type clear";
+      if (!Confirms(loop, question, "clear")) return false;
+      if (loop.stop_pressed() && !pressed) continue;  // the operator does not know of the press
+      if (!loop.Clear()) printer_->Say("the reason remains: %s\n", loop.blocking_words().c_str());
+      cleared = what;
+      continue;
+    }
+    const bool regular = cleared.empty() && loop.ended_regularly();
+    const std::string held = cleared.empty() ? loop.cause() : cleared;
+    if (!(regular ? Confirms(loop, task + "; Enter starts", "")
+                  : Confirms(loop, "held: " + held + ". " + task + ", then type start", "start"))) {
+      return false;
+    }
+    // A press or a fault during the question voids the answer.
+    if (loop.state() != RunState::kFaulted && !loop.stop_pressed()) return true;
   }
-  if (loop.ended_regularly()) {
-    return Confirms(loop, task + "; Enter starts", "");
-  }
-  return Confirms(loop, "held: " + loop.cause() + ". " + task + ", then type start", "start");
 }
 
 }  // namespace dfr::robot

@@ -135,6 +135,9 @@ class ControlLoop {
   /// Returns the reason that blocks a start, or kNone. blocking_words() describes it.
   [[nodiscard]] runtime::HoldReason blocking() const noexcept { return machine_.blocking(); }
   [[nodiscard]] std::string blocking_words() const;
+  /// Returns true from a press of the emergency stop, even a hidden one, to Clear(). An operator
+  /// must know of the press before Clear().
+  [[nodiscard]] bool stop_pressed() const noexcept { return stop_pressed_; }
 
  private:
   [[nodiscard]] bool Await(double timeout_s, const std::function<void(std::string_view)>& say);
@@ -171,6 +174,7 @@ class ControlLoop {
   std::vector<double> moved_;
   bool homing_ = false;
   bool homing_platform_ = false;
+  bool stop_pressed_ = false;
   runtime::HoldReason last_reason_ = runtime::HoldReason::kNone;
   std::array<char, 96> last_detail_{};
 };
