@@ -36,7 +36,8 @@ void RobotWatch::Look(std::int64_t steady_ns) {
     std::string state = robot.state.substr(0, 32);
     core::MakePrintable(state);
     *out_ << Name(robot) << ": SILENT while " << state
-          << ". Its program hangs, was killed or cannot be heard; the arm holds" << std::endl;
+          << ". Its program hangs, was killed or cannot be heard: the robot may move, watch it"
+          << std::endl;
   }
 }
 
