@@ -36,7 +36,7 @@ class GuardDataTest(GuardProgramTest):
         with h5py.File(self.folder / "part-v0/data/main_data.hdf5", "r+") as file:
             del file["episode_5"]
         out = self.run_program("check", "part-v0")
-        self.assertIn("metadata.json declares 12 episodes, but the file holds 11: is the download complete?", out.stdout + out.stderr)
+        self.assertIn("metadata.json declares 12 episodes, but the file holds 11: check that the download is complete", out.stdout + out.stderr)
 
     def test_check_names_episode_and_key(self):
         def spoil(file):

@@ -155,7 +155,7 @@ class MinariReader final : public internal::EpisodeReader {
     if (note().empty() && total != metadata.end() && total->is_number_integer() &&
         total->get<std::int64_t>() > num_episodes()) {
       SetNote(path.string() + " declares " + total->dump() + " episodes, but the file holds " +
-              std::to_string(num_episodes()) + ": is the download complete?");
+              std::to_string(num_episodes()) + ": check that the download is complete");
     }
     const std::string format = text(metadata, "data_format", "hdf5");
     if (format != "hdf5") {
