@@ -91,6 +91,8 @@ std::map<std::string, double> InTheCode() {
           {"guided::kIdleAtRest", control::guided::kIdleAtRest},
           {"guided::kRestDrift", control::guided::kRestDrift},
           {"guided::kPassDepthQuantile", control::guided::kPassDepthQuantile},
+          {"guided::kShallowDepth", control::guided::kShallowDepth},
+          {"guided::kResting", control::guided::kResting},
           {"guided::kDepthCorrections", control::guided::kDepthCorrections},
           {"guided::kLeadsAway", control::guided::kLeadsAway},
           {"guided::kMostAway", control::guided::kMostAway},

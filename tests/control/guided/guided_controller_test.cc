@@ -300,7 +300,7 @@ TEST_F(GuidedControllerTest, AfterTwoCorrectionsInARowThePassDepthWaitsForAPassI
     guided.Reset(1);
     for (std::size_t n = 0; n < kMoves.size(); ++n) {
       const double pass = task.levels.pass(static_cast<int>(n) + 1);
-      level = pass + (kMoves[n] == 'c' ? 0.04 : kMoves[n] == 'd' ? -0.5 * kDepth : -2.0 * kDepth);
+      level = pass + (kMoves[n] == 'c' ? 0.04 : kMoves[n] == 'd' ? -0.25 * kDepth : -2.0 * kDepth);
       const std::vector<double> x = {static_cast<double>(n) * test::kSpeed, 0.0};
       const Step step = guided.Next(x, u);
       ASSERT_EQ(step.t, static_cast<int>(n));

@@ -17,8 +17,9 @@ namespace {
 
 using Choice = SafetyFilter::Choice;
 
-// Learned controls whose predicted levels decrease from inside the next support to far outside.
-TEST(LeastInterventionTest, InAWorldAtRestTheLearnedControlPassesDownToThePassDepth) {
+// Learned controls whose predicted levels decrease from inside the next support to far outside. All
+// corrections end inside.
+TEST(LeastInterventionTest, InAWorldAtRestTheLearnedControlPassesSlightlyOutside) {
   const test::GaussianSupport support = test::MovingDisk();
   for (const bool moves : {false, true}) {
     auto demonstrations = test::Rightwards();
@@ -26,7 +27,7 @@ TEST(LeastInterventionTest, InAWorldAtRestTheLearnedControlPassesDownToThePassDe
       demonstration.controls.col(0).array() += moves ? -0.7 * test::kSpeed : 0.0;
     }
     test::Task task{test::IdentityFeatures(), support, demonstrations};
-    for (const double depth : {0.1, 9.0}) {
+    for (const double depth : {0.05, 9.0}) {
       task.levels.SetHeldOut(std::vector{HeldOutLevels{.levels = {-depth}, .phases = {0}}});
       for (const bool least : {true, false}) {
         for (const bool disturbed : {false, true}) {
@@ -37,7 +38,7 @@ TEST(LeastInterventionTest, InAWorldAtRestTheLearnedControlPassesDownToThePassDe
               ResponseEstimate(task.response.prior(), {}, moves).FitAt(0, core::AsSpan(z));
           const LocalModel local{support, fit};
           SafetyFilter filter(task, options);
-          const double lowest = -std::min(depth, filter.max_exit_level());
+          const double lowest = -std::min(depth, guided::kShallowDepth * filter.max_exit_level());
           const double most = least && !disturbed && !moves ? lowest : 0.0;
           int passed = 0;
           int changed = 0;

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <vector>
 
 #include "dfr/control/constants.h"
 #include "dfr/control/response/response_estimate.h"
@@ -386,6 +387,47 @@ TEST_F(SafetyFilterTest, AnIdleChangeIsMadeIfItLeadsBackInside) {
     EXPECT_EQ(choice.mode, inside ? Mode::kPolicy : Mode::kRecovery);
     EXPECT_TRUE(v == (inside ? learned : changed)) << difference;
   }
+}
+
+// At the pass depth, the correction decides: it replaces the control only if it ends inside. A
+// small excess and a control of almost no size always pass.
+TEST_F(SafetyFilterTest, AtThePassDepthOnlyACorrectionThatEndsInsideReplacesAControl) {
+  constexpr double kDepth = 0.8;
+  model_.levels.SetHeldOut(std::vector{HeldOutLevels{.levels = {-kDepth}, .phases = {0}}});
+  // Without a raise, the correction is the nominal control.
+  GuidedOptions options{.iterations = 0, .least_intervention = true, .probe_size = 0.0};
+  options.max_exit_ratio = kDepth / model_.levels.slack();
+  SafetyFilter filter(model_, options);
+  const auto passes = [&](double y, double level, bool inside) {
+    z_[1] = y;
+    estimate_.FitAt(0, core::AsSpan(z_), fit_);
+    Eigen::VectorXd nominal(2);
+    EXPECT_TRUE(fit_.NominalControl(nominal));
+    EXPECT_EQ(Level(nominal) >= 0.0, inside) << y;
+    // A control along the path and to the side that ends at the level.
+    Eigen::VectorXd v = Eigen::Vector2d(test::kSpeed / model_.response.control_unit(), 0.0);
+    double inner = -20.0;
+    double outer = 20.0;
+    for (int i = 0; i < 60; ++i) {
+      v[1] = 0.5 * (inner + outer);
+      (Level(v) > level ? inner : outer) = v[1];
+    }
+    EXPECT_NEAR(Level(v), level, 1e-6);
+    const Eigen::VectorXd learned = v;
+    return filter.Filter(fit_, target_, 0.0, v).mode == Mode::kPolicy && v == learned;
+  };
+  const double shallow = guided::kShallowDepth * kDepth;
+  EXPECT_TRUE(passes(0.35, -0.8 * shallow, true));
+  EXPECT_FALSE(passes(0.35, -1.5 * shallow, true));
+  EXPECT_TRUE(passes(0.7, -1.5 * shallow, false)) << "the correction ends outside as well";
+  // At rest the state leaves the moving disk.
+  z_[1] = 0.47;
+  estimate_.FitAt(0, core::AsSpan(z_), fit_);
+  Eigen::VectorXd rest = Eigen::Vector2d::Zero();
+  ASSERT_LT(Level(rest), -shallow);
+  EXPECT_EQ(filter.Filter(fit_, target_, 0.0, rest).mode, Mode::kPolicy);
+  EXPECT_EQ(rest.norm(), 0.0);
+  EXPECT_FALSE(passes(0.35, -1.5 * kDepth, true));
 }
 
 TEST_F(SafetyFilterTest, KeepsNoStateAndNeverAllocates) {

@@ -24,6 +24,7 @@ SafetyFilter::SafetyFilter(const TaskView& task, const GuidedOptions& options)
       demonstrates_(options.demonstrated),
       pass_depth_(options.least_intervention ? std::min(task.levels().pass_depth(), max_exit_level_)
                                              : 0.0),
+      shallow_depth_(std::min(pass_depth_, guided::kShallowDepth * max_exit_level_)),
       least_(options.least_intervention),
       disturbed_(options.disturbance_model.active()),
       trial_(Eigen::VectorXd::Zero(task.response().control_dim())),
@@ -44,11 +45,15 @@ SafetyFilter::Choice SafetyFilter::Filter(LocalFit& fit, const StepTarget& targe
       const double here = model.Level(target.phase - 1, v);
       if (here >= stay_level && here > learned) return {Mode::kPolicy, learned, learned, true};
     }
-    if (to_depth && learned >= pass_level - pass_depth_ && Rests(fit)) return choice;
+    const bool near = to_depth && learned >= pass_level - pass_depth_ && Rests(fit);
+    if (near && (learned >= pass_level - shallow_depth_ || v.norm() <= guided::kResting)) {
+      return choice;
+    }
     learned_ = v;
     choice = Correct(fit, model, target, v);
     choice.learned = learned;
-    if (Idle(fit, choice, target, pass_level, v)) {
+    // A correction that does not end inside is no better than a control that ends nearby.
+    if ((near && choice.level < 0.0) || Idle(fit, choice, target, pass_level, v)) {
       v = learned_;
       return {Mode::kPolicy, learned, learned};
     }

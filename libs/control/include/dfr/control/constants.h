@@ -72,6 +72,11 @@ inline constexpr double kLeastEdgeStay = 10.0;
 inline constexpr double kEdgeRamp = 10.0;
 /// Levels::pass_depth(): minus this quantile of l over held-out demonstrated states.
 inline constexpr double kPassDepthQuantile = 0.05;
+/// SafetyFilter: at the pass depth a control passes unless a correction is predicted to end inside.
+/// Down to this multiple of the exit level, and if its norm is at most kResting ordinary controls,
+/// it always passes: corrections would push on a policy that waits.
+inline constexpr double kShallowDepth = 0.25;
+inline constexpr double kResting = 0.2;
 /// GuidedController: after this number of consecutive corrections no control passes at the pass
 /// depth until a control passes without it. A policy that leaves the support does so repeatedly.
 inline constexpr int kDepthCorrections = 2;

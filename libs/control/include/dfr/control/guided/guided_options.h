@@ -33,9 +33,9 @@ struct GuidedOptions {
   /// HaltRule::patience. Larger values add few completed episodes and more collisions.
   int patience = 12;
   /// Level at which the learned control passes unchanged. True: Levels::pass(), just inside, and
-  /// Levels::pass_depth() below it in a world at rest, so a good policy is corrected only at the
-  /// boundary. False: Levels::gate(), deep inside; below it, the nominal control of nearby
-  /// demonstrations comes first, and the policy has little influence.
+  /// Levels::pass_depth() below it in a world at rest (SafetyFilter), so a good policy is corrected
+  /// only at the boundary. False: Levels::gate(), deep inside; below it, the nominal control of
+  /// nearby demonstrations comes first, and the policy has little influence.
   bool least_intervention = false;
   /// Norm of a probe, >= 0. Its effect must exceed the noise of observations and the disturbance
   /// during a control, but must be harmless in a wrong direction. 0: directions without

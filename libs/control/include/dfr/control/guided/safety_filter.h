@@ -29,7 +29,9 @@ class SafetyFilter {
   /// the state of `fit`. `target` is the next phase and its Levels::gate(). `v` is unchanged if its
   /// predicted level in the next phase is at least `pass_level`, or if its level in the present
   /// phase is at least `stay_level` and higher than in the next phase. With least intervention, in
-  /// a world at rest, and if `to_depth`, `pass_level` minus the pass depth suffices. `v` is also
+  /// a world at rest, and if `to_depth`, `pass_level` minus the pass depth suffices, unless a
+  /// corrected control is predicted to end inside, `v` is no resting control (guided::kResting) and
+  /// its level is below `pass_level` minus guided::kShallowDepth times the exit level. `v` is also
   /// unchanged if the corrected control would still end below `pass_level`, differs by at most
   /// guided::kIdle (in a world at rest, if `v` does not lower the level, kIdleAtRest), gains no
   /// more than target.level - pass_level, and does not lead back inside. kRecovery: `v` does not
@@ -64,7 +66,8 @@ class SafetyFilter {
   double probe_size_;
   bool demonstrates_;  ///< Tries demonstrated controls first.
   double pass_depth_;  ///< Levels::pass_depth(), at most max_exit_level_. 0 without least_.
-  bool least_;         ///< Least intervention.
+  double shallow_depth_;
+  bool least_;  ///< Least intervention.
   bool disturbed_;
   Eigen::VectorXd trial_;
   Eigen::VectorXd demonstrated_;
