@@ -248,6 +248,19 @@ TEST_F(PsmClientTest, AConsoleThatIsNotReadyHolds) {
 }
 
 // Other clients turn the jaw before and after a jaw move of this client.
+TEST_F(PsmClientTest, MeasurementsAreCheckedThoughTheArmIsNotReady) {
+  Become(PsmConsoleState::kDisabled, true, false);
+  for (int i = 0; i < 40; ++i) Step([](PsmInput& input) { input.setpoint_js.reset(); });
+  EXPECT_EQ(client_.MeasurementHoldReason(), PsmStatus::kOk);
+  for (int i = 0; i < 2; ++i) {
+    Step([](PsmInput& input) {
+      if (input.measured_js) input.measured_js->stamp = {};
+    });
+  }
+  EXPECT_EQ(client_.MeasurementHoldReason(), PsmStatus::kStateInvalid);
+  EXPECT_EQ(client_.hold_reason(), PsmStatus::kDisabled);
+}
+
 TEST_F(PsmClientTest, AJawThatOthersTurnHolds) {
   const auto turned = [](PsmInput& input) {
     if (input.jaw_setpoint) input.jaw_setpoint->angle += 0.1;

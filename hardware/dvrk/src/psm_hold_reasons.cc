@@ -62,10 +62,6 @@ PsmStatus PsmClient::MeasurementHoldReason() const noexcept {
     }
     if (status != PsmStatus::kOk) return status;
   }
-  // An old set-point neither reveals commands of others nor gives the pose for arming.
-  if (any_setpoint_ && Seconds(now_ns_ - setpoint_arrival_ns_) > options_.watchdog.max_silence_s) {
-    return PsmStatus::kStateSilent;
-  }
   if (!js_.well_formed) return PsmStatus::kStateMalformed;
   if (!js_.position.allFinite() || !js_.velocity.allFinite() || !Finite(cp_) ||
       (any_local_ && !Finite(local_cp_))) {
@@ -91,6 +87,10 @@ PsmStatus PsmClient::FindHoldReason(const PsmInput& input) const noexcept {
   if (ready != PsmStatus::kOk) return ready;
   const PsmStatus measured = MeasurementHoldReason();
   if (measured != PsmStatus::kOk) return measured;
+  // An old set-point neither reveals commands of others nor gives the pose for arming.
+  if (any_setpoint_ && Seconds(now_ns_ - setpoint_arrival_ns_) > options_.watchdog.max_silence_s) {
+    return PsmStatus::kStateSilent;
+  }
   if (input.instrument == PsmInstrument::kNotNamed) return PsmStatus::kToolNotNamed;
   if (input.instrument == PsmInstrument::kOther) return PsmStatus::kWrongTool;
   const PsmStatus others = CommandHoldReason(input);

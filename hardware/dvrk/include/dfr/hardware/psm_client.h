@@ -225,6 +225,9 @@ class PsmClient {
   [[nodiscard]] PsmStatus status() const noexcept;
   /// Returns the reason to hold that the last step found, also while holding; kOk: none.
   [[nodiscard]] PsmStatus hold_reason() const noexcept { return hold_reason_; }
+  /// Returns the reason why the last step's measurements are not valid, also of an arm that is not
+  /// ready: hold_reason() is then the state of the arm. kOk: they are valid.
+  [[nodiscard]] PsmStatus MeasurementHoldReason() const noexcept;
   /// True while the console has been asked to power up or home and has not finished.
   [[nodiscard]] bool homing() const noexcept;
   /// Returns the state command in progress.
@@ -238,7 +241,7 @@ class PsmClient {
     return motion_.setpoint();
   }
   [[nodiscard]] const PsmMotion& motion() const noexcept { return motion_; }
-  /// Return the newest samples, unchecked: see status() before relying on them.
+  /// Return the newest samples, unchecked: see MeasurementHoldReason() before relying on them.
   [[nodiscard]] const PsmJointSample& measured_js() const noexcept { return js_; }
   [[nodiscard]] const PsmJointSample& setpoint_js() const noexcept { return setpoint_js_; }
   [[nodiscard]] const PsmPoseSample& measured_cp() const noexcept { return cp_; }
@@ -255,7 +258,6 @@ class PsmClient {
  private:
   void Take(const PsmInput& input) noexcept;
   [[nodiscard]] PsmStatus FindHoldReason(const PsmInput& input) const noexcept;
-  [[nodiscard]] PsmStatus MeasurementHoldReason() const noexcept;
   [[nodiscard]] PsmStatus CommandHoldReason(const PsmInput& input) const noexcept;
   [[nodiscard]] PsmStatus FollowHoldReason() const noexcept;
   [[nodiscard]] bool JawIsOurs() const noexcept;
