@@ -134,7 +134,9 @@ void ImageWorker::Run() {
     if (frame.image.data == nullptr || frame.sequence == last) continue;
     last = frame.sequence;
     if (forget_.exchange(false)) vision_.ForgetLastImage();
-    if (question.number != answered && frame.stamp_ns >= question.after_ns) {
+    // Without lock-step a picture with a fault is not used, even if the loop misses its status.
+    const bool usable = lock_step_ != nullptr || status == FrameStatus::kOk;
+    if (usable && question.number != answered && frame.stamp_ns >= question.after_ns) {
       answered = question.number;
       answers_.Put(Answer(question, frame));
     }
