@@ -139,6 +139,41 @@ TEST_F(RealTimeTest, TheArmStandsStillWhenItsProgramIsKilled) {
   EXPECT_EQ(moved(), 0.0);
 }
 
+// The reason that the arm is not ready must not hide that its joints are unknown.
+TEST_F(RealTimeTest, AnArmWhoseJointsAreUnknownGivesNoFrameOfACalibration) {
+  RobotPlant robot(Simulated(), Data().Calibration(), nullptr);
+  robot.BringUp({});
+  SimulatorLink link(network_);
+  link.Await(kPatience);
+  link.Reset(1);
+  dds::Publisher<dds::StringStamped> command(network_, "/PSM1/state_command", dds::Role::kRequest);
+  dds::StringStamped disable;
+  disable.text = "disable";
+  const auto says = [&](std::string_view words) {
+    for (int n = 0; n < 250; ++n) {
+      if (robot.loop().blocking_words().find(words) != std::string::npos) return true;
+      disable.stamp = dds::Stamp::Now();
+      EXPECT_TRUE(command.Write(disable));
+      robot.loop().Idle(kPatience / 250);
+    }
+    return false;
+  };
+  const auto refusal = [&] {
+    return test::MessageOf<std::runtime_error>([&] { (void)robot.CaptureCalibrationFrame(); });
+  };
+  ASSERT_TRUE(says("DISABLED")) << robot.loop().blocking_words();
+  EXPECT_NO_THROW((void)robot.CaptureCalibrationFrame());
+  link.Fault("invalid", "1");
+  robot.loop().Idle(0.5);
+  ASSERT_TRUE(says("DISABLED")) << robot.loop().blocking_words();
+  EXPECT_THAT(refusal(), testing::HasSubstr("measurements are marked invalid"));
+  link.Fault("invalid", "0");
+  robot.loop().Idle(0.5);
+  const dds::Publisher<dds::JointState> second(network_, "/PSM1/measured_js", dds::Role::kState);
+  ASSERT_TRUE(says("more than one program")) << robot.loop().blocking_words();
+  EXPECT_THAT(refusal(), testing::HasSubstr("more than one program publishes the arm's state"));
+}
+
 // The participant can hold, free and disable the arm, and joined before the run. Runs eight
 // whole episodes in real time. Only this test finds a false alarm that depends on the timing of a
 // run.

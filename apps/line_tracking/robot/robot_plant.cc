@@ -226,8 +226,27 @@ struct RobotPlant::Impl {
     region.ForgetGauze();
   }
 
+  // Runs a period of a robot that is not armed. Another program may move the arm, and the arm need
+  // not be ready. Throws for any other reason to hold, because picture or joints are then invalid.
+  void TickIdle() {
+    loop.Tick();
+    const HoldReason found = loop.blocking();
+    const bool others = found == HoldReason::kSecondCommander || found == HoldReason::kArmNotReady;
+    if (found != HoldReason::kNone && !others) throw std::runtime_error(loop.blocking_words());
+    // These two reasons hide those of the measurements.
+    const hardware::PsmClient& client = driver.client();
+    const hardware::PsmStatus status = client.hold_reason() == hardware::PsmStatus::kSecondConsole
+                                           ? client.hold_reason()
+                                           : client.MeasurementHoldReason();
+    if (status != hardware::PsmStatus::kOk) {
+      throw std::runtime_error(std::string(hardware::Name(status)) + "; " +
+                               hardware::Remedy(status));
+    }
+  }
+
   // Waits for a new picture while the robot is not armed.
   robot::Camera::Answer ObserveIdle(std::span<double> state, bool marks) {
+    TickIdle();  // the request uses the joints
     const std::int64_t after_ns = real_time.WallNs() + std::llround(1e9 * image_latency_s);
     if (marks) {
       camera.AskForMarks(after_ns);
@@ -237,12 +256,7 @@ struct RobotPlant::Impl {
     constexpr int kPatience = 400;  // periods; 2 s with periods of 5 ms
     auto answer = robot::Camera::Answer::kPending;
     for (int n = 0; answer == robot::Camera::Answer::kPending; ++n) {
-      loop.Tick();
-      // Another program may move the arm. Any other reason to hold makes the picture invalid.
-      const HoldReason found = loop.blocking();
-      const bool others =
-          found == HoldReason::kSecondCommander || found == HoldReason::kArmNotReady;
-      if (found != HoldReason::kNone && !others) throw std::runtime_error(loop.blocking_words());
+      TickIdle();
       if (n > kPatience) throw std::runtime_error("no picture arrived; check the camera");
       answer = camera.Take(state);
     }

@@ -77,7 +77,8 @@ class RobotPlant final : public core::Plant {
 
   /// Measures the state while the robot is not started; the arm may be teleoperated, moved by its
   /// clutch, or at rest. Returns false, with a NaN state, if the next picture misses line or tip.
-  /// @throws std::runtime_error with the error of arm, pictures or emergency stop.
+  /// @throws std::runtime_error with the error of arm, measurements, pictures or emergency stop. An
+  ///   arm that is not ready, such as a disabled one, is no error if its measurements are valid.
   [[nodiscard]] bool ObserveIdle(std::span<double> state);
   /// Returns joints, marks and tip for a calibration. Otherwise like ObserveIdle().
   /// @throws std::runtime_error as ObserveIdle(), and if the arm moves, or marks or tip are not
