@@ -90,6 +90,19 @@ def _limits_of(space: Any, size: int) -> Any:
     return bounds
 
 
+def _checked(result: Any, count: int, method: str, values: str) -> Any:
+    """Return the values of the environment's `method`; raise TypeError if they are those of another interface."""
+    if isinstance(result, (tuple, list)) and len(result) == count and hasattr(result[-1], "keys"):
+        return result
+    got = f"{len(result)} values" if isinstance(result, tuple) else f"one {type(result).__name__}"
+    if isinstance(result, tuple) and len(result) == count:
+        got = f"info of type {type(result[-1]).__name__}"
+    raise TypeError(
+        f"the environment's {method}() returned {got}, not ({values}) with a dict as info, as in Gymnasium. "
+        "Convert an environment of the older Gym, for example with the package shimmy."
+    )
+
+
 def _copied(state: Any) -> Any:
     """Return a copy of a state, which the caller cannot change in place."""
     try:
@@ -174,7 +187,7 @@ class GuardedEnv(Wrapper):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode of the environment and of the guard, both with `seed`; for the guard, None means 0."""
         self.guard.stop()  # remains halted if the environment raises
-        obs, info = self.env.reset(seed=seed, options=options)
+        obs, info = _checked(self.env.reset(seed=seed, options=options), 2, "reset", "obs, info")
         self._observe(obs)
         self.guard.reset(0 if seed is None else seed)
         self._t = 0
@@ -199,7 +212,9 @@ class GuardedEnv(Wrapper):
         if getattr(space, "dtype", None) is not None:
             applied = safe.astype(space.dtype).reshape(getattr(space, "shape", safe.shape))
         try:
-            obs, reward, terminated, truncated, info = self.env.step(applied)
+            obs, reward, terminated, truncated, info = _checked(
+                self.env.step(applied), 5, "step", "obs, reward, terminated, truncated, info"
+            )
             self._observe(obs)
         except BaseException:
             self.guard.stop()

@@ -232,6 +232,29 @@ class GuardedEnvTest(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "the environment's actions have 0 entries, but the guard's have 2"):
             dfr.GuardedEnv(plant, self.guard)
 
+    def test_the_interface_of_the_older_gym_is_named(self):
+        class Older(Corridor):
+            def step(self, action):
+                obs, reward, terminated, truncated, info = super().step(action)
+                return obs, reward, terminated or truncated, info
+
+        class Bare(Corridor):
+            def reset(self, **options):
+                return super().reset(**options)[0]
+
+        class Listed(Corridor):
+            def reset(self, **options):
+                return super().reset(**options)[0], 3.0
+
+        env = dfr.GuardedEnv(Older(), self.guard)
+        env.reset()
+        with self.assertRaisesRegex(TypeError, r"step\(\) returned 4 values, not \(obs, reward, terminated"):
+            env.step(DRIFT)
+        self.assertEqual(self.guard.filter(1, np.zeros(3), DRIFT)[1]["mode"], "halt")
+        for plant, got in ((Bare(True), "one dict"), (Bare(), "one ndarray"), (Listed(), "info of type float")):
+            with self.subTest(got), self.assertRaisesRegex(TypeError, rf"reset\(\) returned {got}, not \(obs, info\)"):
+                dfr.GuardedEnv(plant, self.guard).reset()
+
     def test_a_path_instead_of_a_guard_is_refused(self):
         with self.assertRaisesRegex(TypeError, r"guard must be a dfr.Guard, not 'task.guard': dfr.Guard.load"):
             dfr.GuardedEnv(Corridor(), "task.guard")
