@@ -273,8 +273,10 @@ class OneClassSVM(OutlierMixin, BaseEstimator):
         if not isinstance(self.max_iter, Integral) or self.max_iter < -1:
             raise ValueError(f"max_iter must be -1 or a number of steps, not {self.max_iter!r}")
         jobs = 1 if self.n_jobs is None else self.n_jobs
-        if not isinstance(jobs, Integral) or jobs < -1 or jobs == 0:
-            raise ValueError(f"n_jobs must be -1 (one per core), None or a number >= 1, not {self.n_jobs!r}")
+        if not isinstance(jobs, Integral) or not -1 <= jobs < 2**31 or jobs == 0:
+            raise ValueError(
+                f"n_jobs must be -1 (one per core), None or a number from 1 to 2^31 - 1, not {self.n_jobs!r}"
+            )
 
     def _gamma_of(self, rows: NDArray[np.float64]) -> float:
         if self.gamma == "scale":

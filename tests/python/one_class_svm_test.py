@@ -280,7 +280,7 @@ class Threads(unittest.TestCase):
         one = dfr.OneClassSVM(nu=0.1, n_jobs=1).fit(X)
         for jobs in (None, -1, 2):
             np.testing.assert_array_equal(dfr.OneClassSVM(nu=0.1, n_jobs=jobs).fit(X).dual_coef_, one.dual_coef_)
-        for jobs in (0, -2, 1.5):
+        for jobs in (0, -2, 1.5, 2**31, 2**40):
             with self.assertRaisesRegex(ValueError, "n_jobs must be -1"):
                 dfr.OneClassSVM(n_jobs=jobs).fit(X)
 
