@@ -55,6 +55,8 @@ def shows_progress(fit: Callable[..., Any]) -> Callable[..., Any]:
                 return fit(*args, progress=display, **options)
             finally:
                 display.close()
+        if progress is not None and progress is not False and not callable(progress):
+            raise TypeError(f"progress must be True, False, None or a function of (stage, share), not {progress!r}")
         return fit(*args, progress=None if progress is False else progress, **options)
 
     return call

@@ -150,6 +150,11 @@ class MistakesTest(unittest.TestCase):
                 call()
             self.assertNotIn("\n", str(raised.exception))
 
+    def test_a_progress_that_cannot_be_called(self):
+        for progress in (3, 0, "bar", []):
+            with self.subTest(progress), self.assertRaisesRegex(TypeError, "^progress must be True, False, None"):
+                fit(8, progress=progress)
+
     def test_info_has_the_keys_of_its_type(self):
         stub = (pathlib.Path(dfr.__file__).parent / "_core.pyi").read_text()
         guard = fit(8)
