@@ -94,6 +94,18 @@ Array ToArray(const py::handle& values) {
   }
 }
 
+std::int64_t WholeStep(const py::object& t) {
+  const auto index = py::reinterpret_steal<py::object>(PyNumber_Index(t.ptr()));
+  if (!index) {
+    const py::error_already_set error;
+    if (!error.matches(PyExc_TypeError)) throw error;
+    throw py::type_error("t must be a whole number, as int(t) is, not " + Shortened(t));
+  }
+  int overflow = 0;
+  const std::int64_t value = PyLong_AsLongLongAndOverflow(index.ptr(), &overflow);
+  return overflow > 0 ? std::numeric_limits<std::int64_t>::max() : value;
+}
+
 void RequireFile(const std::filesystem::path& path) {
   std::error_code error;
   if (std::filesystem::exists(path, error) || error) return;

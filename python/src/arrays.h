@@ -136,6 +136,9 @@ inline pybind11::array_t<std::int64_t> Steps(const pybind11::object& t) {
   }
   return steps;
 }
+/// Returns the nearest 64-bit integer of one time step.
+/// @throws pybind11::type_error unless `t` is a whole number, of Python or NumPy.
+[[nodiscard]] std::int64_t WholeStep(const pybind11::object& t);
 /// Returns the nearest int: later time steps use the last estimate.
 inline int NearestInt(std::int64_t value) noexcept {
   return static_cast<int>(std::clamp<std::int64_t>(value, std::numeric_limits<int>::min(),

@@ -142,24 +142,15 @@ py::dict Explain(const Guard& guard, const Array& state, const py::object& t,
   return result;
 }
 
-// Returns the nearest 64-bit integer of a whole number.
-std::int64_t Whole(const py::object& t) {
-  const auto index = py::reinterpret_steal<py::object>(PyNumber_Index(t.ptr()));
-  if (!index) throw py::error_already_set();
-  int overflow = 0;
-  const std::int64_t value = PyLong_AsLongLongAndOverflow(index.ptr(), &overflow);
-  return overflow > 0 ? std::numeric_limits<std::int64_t>::max() : value;
-}
-
 }  // namespace
 
 int StepOf(const py::object& t) {
-  const std::int64_t value = Whole(t);
+  const std::int64_t value = WholeStep(t);
   return value == NearestInt(value) ? static_cast<int>(value) : -1;
 }
 
 int StepOrLast(const py::object& t) {
-  const std::int64_t value = Whole(t);
+  const std::int64_t value = WholeStep(t);
   CheckStep(value);
   return NearestInt(value);
 }

@@ -91,7 +91,9 @@ py::object SupportDecision(const TimeVaryingSupport& support, const py::object& 
   return g;
 }
 
-py::tuple SupportGradient(const TimeVaryingSupport& support, std::int64_t step, const Array& x) {
+py::tuple SupportGradient(const TimeVaryingSupport& support, const py::object& time,
+                          const Array& x) {
+  const std::int64_t step = WholeStep(time);
   CheckStep(step);
   const int t = NearestInt(step);
   DFR_THROW_UNLESS(x.ndim() == 1, "x must be one state of " << support.state_dim() << " entries");
@@ -220,7 +222,8 @@ gradient : ndarray of shape (state_dim,)
 )")
       .def(
           "at",
-          [](const TimeVaryingSupport& support, std::int64_t t) {
+          [](const TimeVaryingSupport& support, const py::object& step) {
+            const std::int64_t t = WholeStep(step);
             CheckStep(t);
             return support.at(NearestInt(t));
           },
@@ -228,7 +231,8 @@ gradient : ndarray of shape (state_dim,)
           "The SupportEstimate of time step t; later time steps use the last estimate.")
       .def(
           "lipschitz_bound",
-          [](const TimeVaryingSupport& support, std::int64_t t) {
+          [](const TimeVaryingSupport& support, const py::object& step) {
+            const std::int64_t t = WholeStep(step);
             CheckStep(t);
             return support.at(NearestInt(t)).lipschitz_bound();
           },

@@ -150,6 +150,25 @@ class MistakesTest(unittest.TestCase):
                 call()
             self.assertNotIn("\n", str(raised.exception))
 
+    def test_a_time_step_that_is_no_whole_number(self):
+        guard = fit(8)
+        state, action = np.zeros(guard.state_dim), np.zeros(guard.action_dim)
+        support = dfr.TimeVaryingSupport.fit(demonstrations(1, 4)[0])
+        for call in (
+            lambda t: guard.filter(t, state, action),
+            lambda t: guard.certify(t, state, action),
+            lambda t: guard.filter_chunk(t, state, [action]),
+            lambda t: guard.explain(state, t=t),
+            lambda t: support.gradient(t, state),
+            support.at,
+            support.lipschitz_bound,
+        ):
+            for t in (0.0, "a", np.float64(1.0), [1]):
+                with self.subTest(t=t), self.assertRaisesRegex(TypeError, "^t must be a whole number") as raised:
+                    call(t)
+                self.assertNotIn("\n", str(raised.exception))
+            call(np.int32(1))
+
     def test_a_progress_that_cannot_be_called(self):
         for progress in (3, 0, "bar", []):
             with self.subTest(progress), self.assertRaisesRegex(TypeError, "^progress must be True, False, None"):
