@@ -199,6 +199,7 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
   DFR_THROW_UNLESS(demonstrations.size() >= num_held_out + 3,
                    "holding out " << num_held_out << " of " << demonstrations.size()
                                   << " demonstrations leaves fewer than 3 to fit to");
+  if (!going_on("scaling the features", 0.0)) return nullptr;
   internal::Recorded recorded(selection, demonstrations, std::span(order).subspan(num_held_out),
                               actions.get());
   std::optional<core::FeatureTransform> context;
@@ -211,15 +212,19 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
   std::optional<internal::GuardFit> fit =
       internal::FitGuard(recorded, options.support, options.folds, going_on, may_narrow);
   if (!fit) return nullptr;
-  if (!options.accept_any) {
-    internal::RefuseUnlessInside(layout, recorded, *fit, *actions, options.folds);
+  if (!options.accept_any &&
+      !internal::RefuseUnlessInside(layout, recorded, *fit, *actions, options.folds, going_on)) {
+    return nullptr;
   }
   if (!going_on("fitting the response to actions", 0.8)) return nullptr;
   auto task = std::make_shared<const TaskModel>(internal::MakeTask(
       recorded, std::move(fit->support), fit->left_out, fit->options.single_precision));
   if (!going_on("estimating the alarm level", 0.95)) return nullptr;
 
-  const internal::Replay replay = internal::ReplayLeftOut(recorded, *fit, task->view());
+  const std::optional<internal::Replay> replayed = internal::ReplayLeftOut(
+      recorded, *fit, task->view(), [&] { return going_on("estimating the alarm level", 0.95); });
+  if (!replayed) return nullptr;
+  const internal::Replay& replay = *replayed;
   std::vector<core::Trajectory> held_out;
   for (const std::size_t d : std::span(order).first(num_held_out)) {
     held_out.push_back(demonstrations[d]);

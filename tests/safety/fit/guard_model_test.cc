@@ -6,8 +6,10 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -270,6 +272,38 @@ TEST(GuardModelTest, ProgressCanStopAFit) {
     options.progress = [&](std::string_view, double) { return calls++ < stop; };
     EXPECT_EQ(GuardModel::Fit(test::CorridorLayout(), demonstrations, options), nullptr);
   }
+}
+
+// A user's Ctrl-C stops a fit of a support. The other supports must not be fitted after it, and the
+// stopped one is not consistent.
+TEST(GuardModelTest, AStoppedSupportStopsAFit) {
+  const auto demonstrations = test::CorridorDemonstrations(1, 10);
+  int calls = 0;
+  int last = 0;
+  GuardOptions options{.features = "tip"};
+  options.support.svm.progress = [&](const kernel::FitProgress&) { return ++calls != last; };
+  EXPECT_NE(GuardModel::Fit(test::CorridorLayout(), demonstrations, options), nullptr);
+  const int all = calls;
+  for (last = 1; last <= all; last += std::max(1, all / 60)) {
+    calls = 0;
+    EXPECT_EQ(GuardModel::Fit(test::CorridorLayout(), demonstrations, options), nullptr) << last;
+    EXPECT_EQ(calls, last) << "called again after the stop";
+  }
+}
+
+TEST(GuardModelTest, ProgressIsAskedBetweenTheSupportsOfEachStage) {
+  std::map<std::string, int, std::less<>> calls;
+  GuardOptions options{.features = "tip"};
+  options.progress = [&](std::string_view stage, double) {
+    ++calls[std::string(stage)];
+    return true;
+  };
+  const auto demonstrations = test::CorridorDemonstrations(1, 10);
+  EXPECT_NE(GuardModel::Fit(test::CorridorLayout(), demonstrations, options), nullptr);
+  EXPECT_GE(calls["comparing kernel widths"], 2 * (options.folds + 1));
+  EXPECT_GE(calls["testing for gaps"], 2) << "before the support and before the test";
+  EXPECT_GE(calls["leaving stretches out"], 2 * options.folds);
+  EXPECT_GE(calls["estimating the alarm level"], 10) << "for each demonstration";
 }
 
 // Constant entries are no features.

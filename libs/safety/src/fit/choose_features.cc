@@ -18,6 +18,9 @@
 namespace dfr::safety::internal {
 namespace {
 
+// A fit that its callback stopped.
+struct Stopped {};
+
 // A choice of features, and the fraction of left-out states inside with it.
 struct Candidate {
   std::string spec;
@@ -27,13 +30,15 @@ struct Candidate {
 std::optional<Candidate> Try(const core::StateLayout& layout, const std::string& spec,
                              const Recorded& recorded,
                              const kernel::WhitenedSupportOptions& options,
-                             const ActionSpace& actions, int folds) {
+                             const ActionSpace& actions, int folds, const StageCallback& going_on) {
   try {
     const Recorded part(
         core::FeatureSelection(layout, spec).Mapped(recorded.features.selection().map()),
         recorded.ordered, core::DeterministicOrder(recorded.ordered), &actions);
     const std::optional<GuardFit> fit = FitGuard(
-        part, options, folds, [](std::string_view, double) { return true; }, false);
+        part, options, folds,
+        [&](std::string_view, double) { return going_on("comparing features", 0.8); }, false);
+    if (!fit) throw Stopped();
     return Candidate{spec, fit->left_out.acceptance()};
   } catch (const std::invalid_argument&) {
     return std::nullopt;  // No entry differs between demonstrations.
@@ -267,14 +272,15 @@ std::vector<core::Trajectory> Mapped(const core::StateMap& map,
   return mapped;
 }
 
-void RefuseUnlessInside(const core::StateLayout& layout, const Recorded& recorded,
-                        const GuardFit& fit, const ActionSpace& actions, int folds) {
+bool RefuseUnlessInside(const core::StateLayout& layout, const Recorded& recorded,
+                        const GuardFit& fit, const ActionSpace& actions, int folds,
+                        const StageCallback& going_on) try {
   const double inside = fit.left_out.acceptance();
-  if (inside >= fit::kLeastInside) return;
+  if (inside >= fit::kLeastInside) return true;
   const core::FeatureSelection& selection = recorded.features.selection();
   std::vector<Candidate> candidates;
   const auto consider = [&](const std::string& spec) {
-    auto candidate = Try(layout, spec, recorded, fit.options, actions, folds);
+    auto candidate = Try(layout, spec, recorded, fit.options, actions, folds, going_on);
     if (candidate && candidate->inside > inside) candidates.push_back(*std::move(candidate));
   };
   for (const auto& block : layout.blocks) {
@@ -293,7 +299,7 @@ void RefuseUnlessInside(const core::StateLayout& layout, const Recorded& recorde
   for (const Candidate& block : candidates) {
     if (block.inside < fit::kLeastInside) break;
     const std::string spec = joint ? joint->spec + "," + block.spec : block.spec;
-    auto more = joint ? Try(layout, spec, recorded, fit.options, actions, folds) : block;
+    auto more = joint ? Try(layout, spec, recorded, fit.options, actions, folds, going_on) : block;
     if (more && more->inside >= fit::kLeastInside) joint = std::move(more);
   }
   const std::vector<int> independent = Independent(recorded);
@@ -323,6 +329,8 @@ void RefuseUnlessInside(const core::StateLayout& layout, const Recorded& recorde
     message += core::Format(", or choose a smaller gamma than %g", fit.options.svm.gamma);
   }
   throw std::invalid_argument(message + ". To fit anyway, use --accept-any or accept_any=True");
+} catch (const Stopped&) {
+  return false;
 }
 
 }  // namespace dfr::safety::internal

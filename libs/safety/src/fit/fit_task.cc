@@ -37,6 +37,28 @@ int NumFolds(std::size_t demonstrations, int most) {
   return std::min(most, std::max(2, static_cast<int>(demonstrations / 2)));
 }
 
+// Callback of fits of supports that remembers a stop: later fits must not begin.
+class Stoppable {
+ public:
+  explicit Stoppable(const kernel::WhitenedSupportOptions& options)
+      : progress_(options.svm.progress) {}
+
+  // Borrows this object.
+  [[nodiscard]] kernel::WhitenedSupportOptions Options(kernel::WhitenedSupportOptions options) {
+    if (!progress_) return options;
+    options.svm.progress = [this](const kernel::FitProgress& progress) {
+      stopped_ = stopped_ || !progress_(progress);
+      return !stopped_;
+    };
+    return options;
+  }
+  [[nodiscard]] bool stopped() const noexcept { return stopped_; }
+
+ private:
+  std::function<bool(const kernel::FitProgress&)> progress_;
+  bool stopped_ = false;
+};
+
 // Fits supports and counts the fits.
 class SupportFits {
  public:
@@ -53,15 +75,18 @@ class SupportFits {
                                   const kernel::WhitenedSupportOptions& options,
                                   const std::function<bool(double share)>& going_on,
                                   std::vector<std::optional<kernel::WhitenedSupport>>* without) {
+    const auto goes_on = [&](double fold) {
+      return going_on(fold / static_cast<double>(folds.size()));
+    };
     if (without != nullptr) without->assign(folds.size(), std::nullopt);
     std::vector<HeldOut> each(points_.size());
     for (std::size_t fold = 0; fold < folds.size(); ++fold) {
-      if (!going_on(static_cast<double>(fold) / static_cast<double>(folds.size()))) {
-        return std::nullopt;
-      }
+      const auto begun = static_cast<double>(fold);
+      if (!goes_on(begun)) return std::nullopt;
       const std::vector<core::Matrix> others = core::WithoutFold(points_, folds, fold);
       if (others.size() < 2) continue;
       kernel::WhitenedSupport support = Fit(others, options);
+      if (!goes_on(begun + 0.9)) return std::nullopt;
       for (const std::size_t d : folds[fold]) each[d].Add(support, points_[d]);
       if (without != nullptr) (*without)[fold] = std::move(support);
     }
@@ -100,13 +125,16 @@ class CoarseSupports {
     }
   }
 
-  // Returns true if twice the gamma of the options covers more left-out states per volume.
-  [[nodiscard]] bool PreferNarrow() const {
-    const Fitted wide = Fit(options_.svm.gamma);
-    const Fitted narrow = Fit(2.0 * options_.svm.gamma);
-    const double gain =
-        -kernel::LogVolumeRatio(wide.support, wide.level, narrow.support, narrow.level, coarse_);
-    return gain > std::log(wide.acceptance / narrow.acceptance);
+  // Returns true if twice the gamma of the options covers more left-out states per volume; nothing
+  // if `going_on`, which is called before each fit, returns false.
+  [[nodiscard]] std::optional<bool> PreferNarrow(const std::function<bool()>& going_on) const {
+    const std::optional<Fitted> wide = Fit(options_.svm.gamma, going_on);
+    if (!wide) return std::nullopt;
+    const std::optional<Fitted> narrow = Fit(2.0 * options_.svm.gamma, going_on);
+    if (!narrow || !going_on()) return std::nullopt;
+    const double gain = -kernel::LogVolumeRatio(wide->support, wide->level, narrow->support,
+                                                narrow->level, coarse_);
+    return gain > std::log(wide->acceptance / narrow->acceptance);
   }
 
  private:
@@ -116,18 +144,22 @@ class CoarseSupports {
     double acceptance;
   };
 
-  [[nodiscard]] Fitted Fit(double gamma) const {
+  [[nodiscard]] std::optional<Fitted> Fit(double gamma,
+                                          const std::function<bool()>& going_on) const {
     kernel::WhitenedSupportOptions options = options_;
     options.svm.gamma = gamma;
     HeldOut held_out;
     for (std::size_t fold = 0; fold < folds_.size(); ++fold) {
       const std::vector<core::Matrix> others = core::WithoutFold(points_, folds_, fold);
       if (others.size() < 2) continue;
+      if (!going_on()) return std::nullopt;
       const auto support = kernel::WhitenedSupport::Fit(others, options);
+      if (!going_on()) return std::nullopt;
       for (const std::size_t d : folds_[fold]) held_out.Add(support, coarse_[d]);
     }
-    return {kernel::WhitenedSupport::Fit(points_, options),
-            core::Quantile(held_out.levels(), fit::kLeftOutside), held_out.acceptance()};
+    if (!going_on()) return std::nullopt;
+    return Fitted{kernel::WhitenedSupport::Fit(points_, options),
+                  core::Quantile(held_out.levels(), fit::kLeftOutside), held_out.acceptance()};
   }
 
   const std::vector<core::Matrix>& points_;
@@ -211,19 +243,26 @@ double HeldOut::acceptance() const {
 
 std::optional<GuardFit> FitGuard(const Recorded& recorded,
                                  const kernel::WhitenedSupportOptions& options, int folds,
-                                 const std::function<bool(std::string_view, double)>& going_on,
-                                 bool may_narrow) {
+                                 const StageCallback& progress, bool may_narrow) {
+  Stoppable stoppable(options);
+  const auto going_on = [&](std::string_view stage, double share) {
+    return !stoppable.stopped() && progress(stage, share);
+  };
   SupportFits fits(recorded);
-  kernel::WhitenedSupportOptions chosen = options;
+  kernel::WhitenedSupportOptions chosen = stoppable.Options(options);
   std::optional<kernel::WhitenedSupport> support;
   kernel::ModeSeparationTest gaps;
   if (may_narrow) {
-    if (!going_on("comparing kernel widths", 0.0)) return std::nullopt;
-    if (CoarseSupports(recorded, options, folds).PreferNarrow()) chosen.svm.gamma *= 2.0;
+    const std::optional<bool> narrow = CoarseSupports(recorded, chosen, folds).PreferNarrow([&] {
+      return going_on("comparing kernel widths", 0.0);
+    });
+    if (!narrow) return std::nullopt;
+    if (*narrow) chosen.svm.gamma *= 2.0;
   }
   for (int doubled = 0;; ++doubled) {
     if (!going_on("testing for gaps", 0.0)) return std::nullopt;
     support = fits.ToAll(chosen);
+    if (!going_on("testing for gaps", 0.0)) return std::nullopt;
     gaps = kernel::TestModeSeparation(*support, recorded.seen.points);
     if (!TooManyInGaps(gaps) || doubled == fit::kMostDoublings) break;
     chosen.svm.gamma *= 2.0;
@@ -246,6 +285,7 @@ std::optional<GuardFit> FitGuard(const Recorded& recorded,
     wider.window_share = std::min(1.0, 2.0 * chosen.window_share);
     if (wider.Stride(support->num_steps()) == chosen.Stride(support->num_steps())) break;
     kernel::WhitenedSupport wider_support = fits.ToAll(wider);
+    if (stoppable.stopped()) return std::nullopt;
     const kernel::ModeSeparationTest wider_gaps =
         kernel::TestModeSeparation(wider_support, recorded.seen.points);
     if (TooManyInGaps(wider_gaps) && !TooManyInGaps(gaps)) break;
@@ -256,7 +296,8 @@ std::optional<GuardFit> FitGuard(const Recorded& recorded,
   std::optional<HeldOut> contiguous = fits.LeaveOut(
       recorded.Contiguous(folds), chosen,
       [&](double s) { return going_on("leaving stretches out", 0.4 + 0.4 * s); }, nullptr);
-  if (!contiguous) return std::nullopt;
+  if (!contiguous || stoppable.stopped()) return std::nullopt;
+  chosen.svm.progress = options.svm.progress;
   return GuardFit{chosen,
                   *std::move(support),
                   gaps,

@@ -23,6 +23,9 @@
 /// cross-validate supports.
 namespace dfr::safety::internal {
 
+/// Called with the stage and the completed share of a fit. Returns false to stop it.
+using StageCallback = std::function<bool(std::string_view stage, double share)>;
+
 /// Returns l of each state at the phase of control::PhaseTracker. If given, `steps` receives the
 /// phases.
 std::vector<double> Follow(const core::LogDecisionFunction& support, const core::Matrix& states,
@@ -80,11 +83,10 @@ struct GuardFit {
 
 /// Chooses gamma by the mode separation test (with `may_narrow`, also by volume) and window_share
 /// by cross-validation; see GuardOptions.
-/// @returns nothing if `going_on` returns false.
+/// @returns nothing if `progress` or options.svm.progress returns false. Neither is called again.
 std::optional<GuardFit> FitGuard(const Recorded& recorded,
                                  const kernel::WhitenedSupportOptions& options, int folds,
-                                 const std::function<bool(std::string_view, double)>& going_on,
-                                 bool may_narrow);
+                                 const StageCallback& progress, bool may_narrow);
 
 /// Creates a task from a support and its cross-validation.
 TaskParts MakeTask(const Recorded& recorded, kernel::WhitenedSupport support,

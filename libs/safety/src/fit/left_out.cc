@@ -60,7 +60,9 @@ void Judge(int phase, std::span<const double> z, const Eigen::VectorXd& v,
 
 }  // namespace
 
-Replay ReplayLeftOut(const Recorded& recorded, const GuardFit& fit, const control::TaskView& task) {
+std::optional<Replay> ReplayLeftOut(const Recorded& recorded, const GuardFit& fit,
+                                    const control::TaskView& task,
+                                    const std::function<bool()>& going_on) {
   const control::Response& response = task.response();
   const std::vector<core::Matrix>& points = recorded.seen.points;
   const std::vector<core::Matrix>& contexts = recorded.seen.contexts;
@@ -85,6 +87,7 @@ Replay ReplayLeftOut(const Recorded& recorded, const GuardFit& fit, const contro
     std::size_t next = 0;
     for (std::size_t d = 0; d < controls.size(); ++d) {
       if (std::ranges::count(fit.folds[fold], d) == 0) continue;
+      if (!going_on()) return std::nullopt;
       std::vector<int> steps;
       Follow(support, points[d], &steps);
       for (Eigen::Index t = 0; t < controls[d].rows(); ++t, ++next) {

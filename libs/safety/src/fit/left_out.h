@@ -1,5 +1,8 @@
 #pragma once
 
+#include <functional>
+#include <optional>
+
 #include "dfr/control/guided/task_view.h"
 #include "dfr/control/response/local_fit.h"
 #include "fit/fit_task.h"
@@ -25,7 +28,9 @@ struct Replay {
 
 /// Scores fewer than 2000 actions, by the support and the transitions fitted without the action's
 /// demonstration. Uses the levels of `task`, which is fitted to all demonstrations.
-[[nodiscard]] Replay ReplayLeftOut(const Recorded& recorded, const GuardFit& fit,
-                                   const control::TaskView& task);
+/// @returns nothing if `going_on`, which is called for each demonstration, returns false.
+[[nodiscard]] std::optional<Replay> ReplayLeftOut(const Recorded& recorded, const GuardFit& fit,
+                                                  const control::TaskView& task,
+                                                  const std::function<bool()>& going_on);
 
 }  // namespace dfr::safety::internal

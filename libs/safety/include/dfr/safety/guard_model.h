@@ -184,7 +184,7 @@ class GuardModel {
   /// the demonstrations changes only GuardSummary::drift_level and drift_chance. Unit quaternions
   /// and angles that jump by a period are made continuous if features use them
   /// (core::FindRotations()), here and in every later state.
-  /// @returns null if `options.progress` stopped it.
+  /// @returns null if `options.progress` or `options.support.svm.progress` stopped it.
   /// @throws std::invalid_argument naming the cause: fewer than three demonstrations, different
   /// shapes, an option out of range, or an unknown feature. Also if almost no state of left-out
   /// demonstrations is inside, naming better features, unless options.accept_any.
