@@ -239,6 +239,7 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
                    "infinitely far from the others in the features "
                        << (options.features.empty() ? "of the whole state" : options.features));
 
+  if (!going_on("estimating the errors of predictions", 0.97)) return nullptr;
   GuardSettings settings;
   settings.strategy = options.strategy;
   Eigen::Index longest = 0;

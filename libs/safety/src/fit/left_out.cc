@@ -76,6 +76,7 @@ std::optional<Replay> ReplayLeftOut(const Recorded& recorded, const GuardFit& fi
   Sums sums(response.control_dim());
   for (std::size_t fold = 0; fold < fit.folds.size(); ++fold) {
     if (!fit.without[fold]) continue;
+    if (!going_on()) return std::nullopt;
     const kernel::WhitenedSupport& support = *fit.without[fold];
     const control::ResponseEstimate estimate(
         std::make_shared<const control::TransitionStore>(
@@ -87,7 +88,6 @@ std::optional<Replay> ReplayLeftOut(const Recorded& recorded, const GuardFit& fi
     std::size_t next = 0;
     for (std::size_t d = 0; d < controls.size(); ++d) {
       if (std::ranges::count(fit.folds[fold], d) == 0) continue;
-      if (!going_on()) return std::nullopt;
       std::vector<int> steps;
       Follow(support, points[d], &steps);
       for (Eigen::Index t = 0; t < controls[d].rows(); ++t, ++next) {

@@ -28,7 +28,7 @@ struct Replay {
 
 /// Scores fewer than 2000 actions, by the support and the transitions fitted without the action's
 /// demonstration. Uses the levels of `task`, which is fitted to all demonstrations.
-/// @returns nothing if `going_on`, which is called for each demonstration, returns false.
+/// @returns nothing if `going_on`, which is called for each fold, returns false.
 [[nodiscard]] std::optional<Replay> ReplayLeftOut(const Recorded& recorded, const GuardFit& fit,
                                                   const control::TaskView& task,
                                                   const std::function<bool()>& going_on);
