@@ -109,7 +109,7 @@ TEST_F(EndoscopeCheckTest, NamesWhatCannotBeOpened) {
   const std::filesystem::path camera = folder / "camera.yaml";
   options_.endoscope = "/dev/video97";
   EXPECT_THAT(Shown(CheckEndoscope(options_)),
-              AllOf(HasSubstr("cannot be opened"), HasSubstr("-> is the camera")));
+              AllOf(HasSubstr("cannot be opened"), HasSubstr("-> plug in the camera")));
   options_.camera = camera;
   std::ofstream(camera) << "image_width: 640\n";
   EXPECT_THAT(Shown(CheckEndoscope(options_)), HasSubstr("image_height is missing"));
