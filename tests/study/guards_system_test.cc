@@ -37,12 +37,12 @@ TEST(GuardsTest, RunsPoliciesThatLearnAgain) {
 }
 
 // A policy that steers for the constraints collides in every episode. A guard saves five of six
-// episodes.
+// episodes. Trials differ: few trials would show a share between three quarters and all.
 TEST(GuardsTest, SavesEpisodesFromAnAdversary) {
-  const std::vector<Row> rows = RunStudy(OnReach({"at-constraints"}, 4, 12));
+  const std::vector<Row> rows = RunStudy(OnReach({"at-constraints"}, 12, 20));
   ASSERT_EQ(rows.size(), 2);
-  EXPECT_EQ(rows[0].collided, 48);
-  EXPECT_GE(rows[1].saved, 40);
+  EXPECT_EQ(rows[0].collided, 240);
+  EXPECT_GE(rows[1].saved, 200);
 }
 
 }  // namespace
