@@ -202,7 +202,7 @@ const char* CauseOf(HaltCause cause) {
     case HaltCause::kSupportInvalid:
       return "the state is immeasurably far outside";
     case HaltCause::kNoProgress:
-      return "the last actions have made no progress";
+      return "the last actions have made no progress or have led away from demonstrations";
     case HaltCause::kStateInvalid:
       return "an earlier state was invalid";
     case HaltCause::kControlInvalid:

@@ -50,7 +50,7 @@ TEST(TransitionStoreTest, ErrorsNameTheCulprit) {
   EXPECT_THAT(message({}), testing::HasSubstr("demonstration 1"));
 }
 
-// With a window of no neighbours, the transitions of all time steps are measured in several blocks.
+// With a narrow window, the transitions of all time steps are measured in several blocks.
 TEST(TransitionStoreTest, TheNearestStateMayBelongToAnyTimeStep) {
   core::Random random(5);
   const core::Matrix states = test::RandomMatrix(random, 60, 3);
