@@ -179,7 +179,7 @@ TEST(FeaturePointsTest, OptionsOutOfRangeAreNamed) {
   EXPECT_THAT(test::MessageOf([&] {
                 static_cast<void>(FeaturePoints::Fit(MatrixRows({&plain, 1}), kGrey));
               }),
-              HasSubstr("are of one colour"));
+              HasSubstr("have a single colour"));
 }
 
 // OptionsOutOfRangeAreNamed tests all values.

@@ -306,7 +306,7 @@ TEST(StateReductionTest, AFileRestoresTheReduction) {
     EXPECT_EQ(of_read.novelty(), of_written.novelty());
     core::StateLayout other = WorldLayout();
     other.blocks[2].name = "another";
-    EXPECT_THAT(RefusalOf(written, other), HasSubstr("reduces a block that the state lacks"));
+    EXPECT_THAT(RefusalOf(written, other), HasSubstr("reduces a block that is not in the state"));
   }
 }
 

@@ -50,7 +50,7 @@ class LineReader {
     throw std::runtime_error(name_ + ":" + std::to_string(number_) + ": " + reason);
   }
 
-  // Cuts the next space-separated word from `text`.
+  // Removes the next space-separated word from `text` and returns it.
   static std::string_view Word(std::string_view& text) {
     const auto first = std::min(text.find_first_not_of(" \t"), text.size());
     text.remove_prefix(first);

@@ -21,7 +21,7 @@ constexpr std::size_t kMostActions = 1000;
 constexpr Eigen::Index kFoldScores = 8;
 constexpr std::size_t kLeastDemonstrations = 4;
 
-// Sums over the judged actions of one demonstration, in units of the root mean square nonzero
+// Sums over the scored actions of one demonstration, in units of the root mean square nonzero
 // action.
 struct Sums {
   explicit Sums(Eigen::Index control_dim) : v(Eigen::VectorXd::Zero(control_dim)) {}
@@ -251,8 +251,8 @@ void Decide(const ChooseComponentsOptions& options, ComponentsChoice& choice) {
   if (control::LocalFit::Guesses(best->explained, best->action_error)) {
     choice.reason = core::Format(
         "the components do not explain the actions of left-out demonstrations: at most %.0f %% of "
-        "their variance, with %d components. Add the demonstrator's other information, such as a "
-        "second camera or the joints, or record more demonstrations",
+        "their variance, with %d components. Add the other information that the "
+        "demonstrator had, such as a second camera or the joints, or record more demonstrations",
         100.0 * std::max(0.0, best->explained), best->components);
     return;
   }

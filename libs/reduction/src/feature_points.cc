@@ -75,7 +75,7 @@ core::Matrix Detailed(const core::Matrix& windows) {
   std::iota(order.begin(), order.end(), Eigen::Index{0});
   std::ranges::stable_sort(order, std::ranges::greater{},
                            [&](Eigen::Index i) { return variance[i]; });
-  DFR_THROW_UNLESS(variance[order[0]] > kFlat, "the pictures are of one colour");
+  DFR_THROW_UNLESS(variance[order[0]] > kFlat, "all pictures have a single colour");
   order.resize((order.size() + 1) / 2);
   std::ranges::sort(order);
   return windows(order, Eigen::all);

@@ -143,9 +143,10 @@ class StateReduction::Rows final : public RowSource {
       const auto values =
           core::Row(states, row).subspan(static_cast<std::size_t>(part_.offset), bytes.size());
       DFR_THROW_UNLESS(ToBytes(values, bytes),
-                       "demonstration " << d << ", state " << row << ": the picture '" << part_.name
-                                        << "' has a value outside of [0, 255]; pictures of another "
-                                           "scale must be converted");
+                       "demonstration "
+                           << d << ", state " << row << ": the picture '" << part_.name
+                           << "' has a value outside [0, 255]; convert pictures of another "
+                              "scale");
       DFR_THROW_UNLESS(picture->Apply(ViewOf(*picture, bytes), floats) == PictureFault::kNone,
                        "demonstration "
                            << d << ", state " << row << ": the picture '" << part_.name
@@ -234,7 +235,7 @@ StateReduction StateReduction::Fit(const core::StateLayout& layout, std::string_
   std::string plain;
   const auto add = [&](Part part, std::string_view feature) {
     const bool again = std::ranges::count(parts, part.name, &Part::name) > 0;
-    // Several ranges of one block form one part.
+    // Several ranges of a block form one part.
     DFR_THROW_UNLESS(!again || !part.reduction,
                      "feature '" << feature << "' names a block that is listed already");
     for (const Part& other : parts) {

@@ -33,7 +33,7 @@ SlowFeatures FitSlowFeatures(std::span<const core::Matrix> episodes) {
     rows += static_cast<double>(x.rows());
     steps += static_cast<double>(x.rows() - 1);
   }
-  DFR_THROW_UNLESS(steps > 0.0, "slow features need an episode of two states");
+  DFR_THROW_UNLESS(steps > 0.0, "slow features need an episode of at least two states");
   SlowFeatures fit{.mean = sum / rows, .directions = {}, .slowness = {}};
   moved /= steps;
   Eigen::MatrixXd all = Eigen::MatrixXd::Zero(d, d);

@@ -325,7 +325,7 @@ StateReduction StateReduction::Load(core::ArchiveReader& archive, const core::St
       Part part{.name = archive.Text()};
       const auto block =
           std::ranges::find(layout.blocks, part.name, &core::StateLayout::Block::name);
-      if (block == layout.blocks.end()) archive.Fail("reduces a block that the state lacks");
+      if (block == layout.blocks.end()) archive.Fail("reduces a block that is not in the state");
       part.offset = block->offset;
       part.size = block->size;
       part.open = archive.IntegerIn(0, 1) == 1;

@@ -134,7 +134,7 @@ TEST(OneClassSvmWeightsTest, WrongWeightsAreNamed) {
               HasSubstr("the weight of sample 3 is inf"));
   EXPECT_THAT(message({0.0, 0.0, 0.0, 0.0}, {}),
               HasSubstr("the weights must have a positive and finite sum, not 0"));
-  EXPECT_THAT(message({1.0, 1.0, 1.0, 1.0}, start), HasSubstr("cannot be given a start"));
+  EXPECT_THAT(message({1.0, 1.0, 1.0, 1.0}, start), HasSubstr("does not accept a start"));
 }
 
 }  // namespace

@@ -16,7 +16,7 @@ namespace {
 double Share(const Eigen::MatrixXd& uu, const Eigen::VectorXd& uy, double yy) {
   if (uu.size() == 0 || yy <= 0.0) return 0.0;
   Eigen::MatrixXd regular = uu;
-  // Relative to each entry, because units of actions differ.
+  // Ridge relative to each entry, because the entries have different units.
   regular.diagonal() += 1e-9 * uu.diagonal();
   regular.diagonal().array() += 1e-300;
   return uy.dot(SolveSymmetric(regular, uy).col(0)) / yy;
@@ -128,7 +128,7 @@ Eigen::VectorXd ActionAnalysis::ExplainedBy(Eigen::Index k, Eigen::Index lag,
     return Eigen::ArrayXd(variance - explained);
   };
   const Eigen::ArrayXd others = left(m_ - 1);
-  // A change that the other actions explain leaves a rounding residue, which is not a change.
+  // If the other actions explain a change, only a rounding residue is left, which is not a change.
   return (others > 1e-9 * change_squares_.array() / history_count_)
       .select(1.0 - left(m_) / others, 0.0);
 }

@@ -30,7 +30,7 @@ Eigen::VectorXd Steps(std::span<const Matrix> features) {
   return (sum / static_cast<double>(std::max<Eigen::Index>(count, 1))).cwiseSqrt();
 }
 
-// Precedes computations whose time and memory grow with the square of the number and more.
+// Limits the number of features before computations whose cost grows with its square or faster.
 void CheckNumFeatures(int features) {
   DFR_THROW_UNLESS(
       features <= FeatureTransform::kMaxFeatures,

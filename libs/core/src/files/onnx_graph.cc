@@ -16,7 +16,7 @@ static_assert(std::endian::native == std::endian::little, "raw_data of ONNX is l
 constexpr int kIrVersion = 8;
 constexpr int kOperatorSet = 17;
 
-// Subset of Protocol Buffers' wire format for ONNX: integer and byte fields.
+// Subset of Protocol Buffers' wire format that ONNX needs: integer and byte fields.
 void AppendVarint(std::string& out, std::uint64_t value) {
   for (; value >= 0x80; value >>= 7) out.push_back(static_cast<char>(value | 0x80));
   out.push_back(static_cast<char>(value));

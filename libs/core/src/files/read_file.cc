@@ -25,7 +25,7 @@ void AppendRest(std::istream& in, const std::filesystem::path& path, std::string
       bytes.append(block.data(), static_cast<std::size_t>(in.gcount()));
     }
   } catch (const std::bad_alloc&) {
-    throw std::runtime_error(path.string() + ": is too large for the memory");
+    throw std::runtime_error(path.string() + ": does not fit into memory");
   }
   if (!in.eof()) throw std::runtime_error(path.string() + ": cannot be read to its end");
 }

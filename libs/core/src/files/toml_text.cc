@@ -97,7 +97,7 @@ constexpr const char* WhatIsNeeded(Next next) noexcept {
       return "there must be a name: letters, digits, - and _, or a text in quotes";
     case Next::kAfterName:
       return "a name must be followed by = and a value, and a table's name by the brackets that "
-             "it began with, in the same line";
+             "it began with, on the same line";
     case Next::kValue:
       return "there must be a value: a decimal number, true, false, a text in quotes, a list in "
              "[ ] or a table in { }";

@@ -11,7 +11,7 @@ namespace {
 bool IsDigit(char c) noexcept { return c >= '0' && c <= '9'; }
 
 // Returns true if a decimal number outside the range of double is too small rather than too large:
-// its first non-zero digit is behind the point after applying the exponent.
+// with the exponent applied, its first nonzero digit follows the decimal point.
 bool IsTiny(std::string_view text) noexcept {
   const std::size_t e = std::min(text.find_first_of("eE"), text.size());
   const std::string_view digits = text.substr(0, e);

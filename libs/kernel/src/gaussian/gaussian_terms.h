@@ -91,10 +91,10 @@ template <typename T>
 
 /// Terms w_i exp(-gamma |x - s_i|^2) of a sum, in the layout of the SIMD code.
 ///
-/// A term is 2^(log2 w_i - |x' - s'_i|^2) with x' = sqrt(gamma log2 e) (x - center): weight, width
-/// and the change of base cost nothing per query. Terms are stored in blocks of kLanes, one cache
-/// line per row: row 0 of a block holds log2 w_i, row 1 + k coordinate k. Terms of weight zero
-/// (log2 w = -infinity) fill the last block, which avoids a remainder loop.
+/// A term is 2^(log2 w_i - |x' - s'_i|^2) with x' = sqrt(gamma log2 e) (x - center): the weight,
+/// the width and the change of base cost nothing per query. Terms are stored in blocks of kLanes,
+/// one cache line per row: row 0 of a block holds log2 w_i, row 1 + k coordinate k. Terms of weight
+/// zero (log2 w = -infinity) fill the last block, which avoids a remainder loop.
 template <typename T>
 struct GaussianTerms {
   static constexpr std::size_t kLanes = 64 / sizeof(T);

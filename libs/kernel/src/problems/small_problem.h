@@ -15,7 +15,7 @@
 namespace dfr::kernel::internal {
 
 /// Squared distances from each sample to all others, computed by row on demand. Fits with different
-/// gamma or nu share them. For one thread at a time.
+/// gamma or nu share them. Not thread-safe.
 template <typename T>
 class Distances {
  public:
@@ -49,8 +49,8 @@ class SharedDistances {
   std::tuple<std::optional<Distances<float>>, std::optional<Distances<double>>> distances_;
 };
 
-/// State that consecutive fits share: memory, and distances if their samples are the same. For one
-/// thread at a time.
+/// State that consecutive fits share: memory, and distances if their samples are the same. Not
+/// thread-safe.
 class Scratch {
  public:
   explicit Scratch(SharedDistances* distances = nullptr) : distances_(distances) {}

@@ -80,9 +80,9 @@ class SparseKernel {
   T reach_;
 };
 
-/// A dual problem with a narrow kernel. As in the general solver, an outer loop has the exact
+/// A dual problem with a narrow kernel. As in the general solver, an outer loop keeps the exact
 /// gradient of all samples, and an inner loop does SMO on an active set. Rows hold only values that
-/// are not negligible: a step updates only the samples in reach of its two samples.
+/// are not negligible: a step updates only the samples within reach of its two samples.
 template <typename T>
 class SparseProblem {
  public:

@@ -53,7 +53,7 @@ struct KktBounds {
       weighted_sum += a * g;
     }
   }
-  /// With nu = 1, no alpha is below 1, and there is no gap.
+  /// Returns the KKT gap; 0 if no alpha is below 1, as for nu = 1.
   [[nodiscard]] double gap() const {
     return std::isinf(smallest) ? 0.0 : std::max(0.0, largest - smallest);
   }

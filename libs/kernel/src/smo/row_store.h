@@ -17,8 +17,8 @@ inline constexpr double kQuickCacheBytes = 16.0 * 0x1p20;
 /// From this dimension on, computing a row takes longer than reading it from memory.
 inline constexpr std::size_t kManyFeatures = 16;
 
-/// Cache of kernel matrix rows, computed on demand. A full cache evicts a row that was not used
-/// since the hand last passed it (clock algorithm).
+/// Cache of kernel matrix rows, computed on demand. A full cache evicts a row that has not been
+/// used since the hand last passed it (clock algorithm).
 template <typename T>
 class RowStore {
  public:

@@ -213,7 +213,7 @@ struct Partner {
   T k_ij;
 };
 
-// ChooseSecond() for sparse rows. Samples in reach of row i are compared one by one. All others
+// ChooseSecond() for sparse rows. Samples within reach of row i are compared one by one. All others
 // have the same curvature: the best of these has the largest G over alpha > 0, and is in
 // `far_group`.
 template <typename T>

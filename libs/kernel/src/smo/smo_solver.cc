@@ -38,7 +38,8 @@ template <typename T, class GoOn>
 [[nodiscard]] bool AddRows(const GaussianTerms<T>& terms, std::span<const T> points,
                            std::span<const T> weights, double* totals, core::Workers& workers,
                            GoOn&& go_on) {
-  // Blocks of a part: enough to justify a thread, few enough to distribute the parts evenly.
+  // Number of blocks of a part: enough to justify a thread, few enough to distribute the parts
+  // evenly.
   constexpr std::size_t kBlocks = 64;
   constexpr std::size_t kChunk = 512;  // points of a chunk stay in L2
   constexpr std::uint64_t kWork = std::uint64_t{1} << 33;
@@ -59,8 +60,8 @@ template <typename T, class GoOn>
   return true;
 }
 
-// Bytes that a Solver<T> needs besides its rows: the terms of all and of the active samples, two
-// vectors of doubles, and indices.
+// Number of bytes that a Solver<T> needs in addition to its rows: the terms of all and of the
+// active samples, two vectors of doubles, and indices.
 template <typename T>
 double FixedBytes(const core::Matrix& samples) {
   const double n = static_cast<double>(samples.rows());
@@ -68,7 +69,7 @@ double FixedBytes(const core::Matrix& samples) {
   return 2.0 * n * (d + 1.0) * sizeof(T) + 64.0 * n + 0x1p16;
 }
 
-// Fewest bytes of a Solver<T>: those, and three rows.
+// Minimum number of bytes of a Solver<T>: FixedBytes() and three rows.
 template <typename T>
 double LeastBytes(const core::Matrix& samples) {
   return FixedBytes<T>(samples) + 3.0 * static_cast<double>(samples.rows()) * sizeof(T);
@@ -94,9 +95,9 @@ void CheckMemory(const core::Matrix& samples, const OneClassSvmOptions& options,
 
 // Solver with kernel values in T, and with alpha and the gradient of all samples in double.
 //
-// The outer loop has the exact gradient G = K alpha. It selects an active set (the free samples and
-// those that violate their KKT condition or nearly do). The inner loop does SMO on that set alone,
-// with a gradient in T relative to rho. One tiled pass then updates G.
+// The outer loop keeps the exact gradient G = K alpha. It selects an active set (the free samples
+// and those that violate their KKT condition or nearly do). The inner loop does SMO on that set
+// alone, with a gradient in T relative to rho. One tiled pass then updates G.
 template <typename T>
 class Solver {
  public:
@@ -349,8 +350,8 @@ DualSolution Solve(const core::Matrix& samples, const Extent& extent,
                    const OneClassSvmOptions& options, Scratch& scratch, core::Workers& workers,
                    FitSummary& summary) {
   // A kernel value in float has an error of up to 1e-7, which gives G an error of up to nu m times
-  // as much. Large sums average most of it out. If the gap, verified in double, is too large, a fit
-  // in double follows.
+  // 1e-7. Large sums average most of it out. If the gap, verified in double, is too large, a fit in
+  // double follows.
   const double total = options.nu * static_cast<double>(samples.rows());
   const double rounding = samples.rows() < kManySamples ? 2e-7 : 2e-8;
   const bool single =

@@ -19,8 +19,8 @@ namespace {
 // Rounding changes coordinates q and s by u |q| and u |s|, and therefore their difference. The
 // exponent r^2 has an error of 2 r u (|q| + |s| + r), plus (d + 2) u r^2 from its sum. Because K
 // sqrt(-log2 K) is concave, the relevant mean of r is at most sqrt(log2(sum of alpha / G)). exp2
-// adds 5 u, and sums of up to 32 terms 34 u. kChanges allows for the number of changes whose sum is
-// G: the changes of alpha together exceed alpha.
+// adds 5 u, and sums of up to 32 terms add 34 u. kChanges allows for the number of changes whose
+// sum is G: the changes of alpha together exceed alpha.
 template <typename T>
 double RelativeError(double distance, double r, double dim) {
   constexpr double kUnit = 0.5 * std::numeric_limits<T>::epsilon();

@@ -72,7 +72,7 @@ class WeightedSolver {
   }
 
  private:
-  // Kernel operations between two reports of progress.
+  // Number of kernel operations between two reports of progress.
   static constexpr std::size_t kWork = std::size_t{1} << 24;
 
   struct Bounds : KktBounds {

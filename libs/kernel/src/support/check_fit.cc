@@ -41,7 +41,7 @@ void CheckWeights(const OneClassSvmOptions& options, Eigen::Index samples) {
   DFR_THROW_UNLESS(
       static_cast<Eigen::Index>(options.weights.size()) == samples,
       "there are " << options.weights.size() << " weights for " << samples << " samples");
-  DFR_THROW_UNLESS(options.start.empty(), "a fit with weights cannot be given a start");
+  DFR_THROW_UNLESS(options.start.empty(), "a fit with weights does not accept a start");
   double sum = 0.0;
   for (std::size_t i = 0; i < options.weights.size(); ++i) {
     const double w = options.weights[i];

@@ -397,8 +397,9 @@ void OneClassSvm::DecisionBatch(const Eigen::Ref<const core::Matrix>& x, std::sp
   const Data& d = *data_;
   DFR_THROW_UNLESS(x.cols() == state_dim(),
                    "the states of the batch have " << x.cols() << " entries, not " << state_dim());
-  DFR_THROW_UNLESS(static_cast<std::size_t>(x.rows()) == g.size(),
-                   x.rows() << " states, but room for " << g.size() << " decisions");
+  DFR_THROW_UNLESS(
+      static_cast<std::size_t>(x.rows()) == g.size(),
+      "there are " << x.rows() << " states, but room for " << g.size() << " decisions");
   const auto decide = [&](Eigen::Index first, Eigen::Index count) {
     const auto rows = x.middleRows(first, count);
     const auto values = g.subspan(static_cast<std::size_t>(first), static_cast<std::size_t>(count));

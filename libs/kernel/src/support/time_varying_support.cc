@@ -152,7 +152,7 @@ TimeVaryingSupport TimeVaryingSupport::Load(const std::filesystem::path& path) {
   for (int t = 0; t < num_steps; ++t) {
     const double gamma = file.Number();
     const double rho = file.Number();
-    // Below, every state would be inside.
+    // With rho <= 0, every state would be inside.
     if (!(rho > 0.0)) file.Fail("rho must be positive");
     const double scale = file.Number();
     const std::vector<double> alpha = file.Numbers();

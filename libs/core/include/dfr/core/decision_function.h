@@ -17,7 +17,7 @@ class DecisionFunction {
   [[nodiscard]] virtual int state_dim() const noexcept = 0;
 
   /// Number of time steps with an estimate. Later times use the last estimate, because a finished
-  /// demonstration stays in its last state. Negative times use the first.
+  /// demonstration stays in its last state. Negative times use the first estimate.
   [[nodiscard]] virtual int num_steps() const noexcept = 0;
 
   /// Returns g_t(x), positive inside. A state with a wrong size or a non-finite entry gives

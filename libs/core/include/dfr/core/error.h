@@ -15,7 +15,7 @@ class Error : public std::runtime_error {
       : std::runtime_error(remedy.empty() ? problem : problem + "; " + std::string(remedy)),
         problem_size_(problem.size()) {}
 
-  /// The problem, with the name of the file or device. Valid as long as this object.
+  /// The problem, with the name of the file or device. Valid as long as this object exists.
   [[nodiscard]] std::string_view problem() const noexcept {
     return std::string_view(what()).substr(0, problem_size_);
   }

@@ -22,7 +22,7 @@ namespace internal {
 /// Samples and trajectories: one state or control per row, rows contiguous as in NumPy.
 using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-/// Returns row `i` of a matrix without a copy. Valid as long as the matrix.
+/// Returns row `i` of a matrix without a copy. Valid as long as the matrix exists.
 [[nodiscard]] inline std::span<const double> Row(const Matrix& m, Eigen::Index i) noexcept {
   return {m.data() + i * m.cols(), static_cast<std::size_t>(m.cols())};
 }

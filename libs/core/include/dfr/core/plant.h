@@ -15,8 +15,8 @@ enum class PlantStatus {
   kFault,    ///< Failure of a device or the simulation; the control may have been applied.
 };
 
-/// The whole world of one task, robot and objects, which comes to rest after every control (Sec.
-/// III). Each Plant belongs to one thread at a time.
+/// The robot and the objects of one task, which come to rest after every control (Sec. III). Each
+/// Plant belongs to one thread at a time.
 class Plant {
  public:
   virtual ~Plant() = default;

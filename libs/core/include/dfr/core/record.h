@@ -8,9 +8,9 @@
 
 namespace dfr::core {
 
-/// Records an episode from the plant's current state, of at most `horizon` controls. It ends early
-/// if the plant is completed or has collided, or if `act` does not return PlantStatus::kOk. The
-/// seed of the trajectory stays 0.
+/// Records an episode from the plant's current state, of at most `horizon` controls. The episode
+/// ends early if the plant is completed or has collided, or if `act` does not return
+/// PlantStatus::kOk. The seed of the trajectory stays 0.
 /// @param act  PlantStatus(int t, std::span<const double> x, std::span<double> u): writes the
 ///   recorded control of state x to u, and returns the result of Apply().
 template <typename Act>

@@ -11,7 +11,7 @@ namespace dfr::kernel {
 /// between support vectors reduce c: a state at distance d from its nearest support vector i is at
 /// least max(d, |x_i - x_j| - d) from each x_j, and the weighted sum of kernels at these distances
 /// must reach rho exp(-level). O(m^2) for m support vectors.
-/// @returns 0 if the set is empty, infinity if it has every state (rho <= 0).
+/// @returns 0 if the set is empty, infinity if it contains every state (rho <= 0).
 /// @throws std::invalid_argument if level is not finite.
 [[nodiscard]] double CoverRadius(const OneClassSvm& svm, double level);
 

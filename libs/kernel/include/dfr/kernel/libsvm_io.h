@@ -24,10 +24,10 @@ OneClassSvm LoadLibsvmModel(const std::filesystem::path& path);
 /// Overload for an open stream; messages call the stream `name`.
 OneClassSvm LoadLibsvmModel(std::istream& in, const std::string& name);
 
-/// Reads samples, one per line, in LIBSVM's sparse form or as comma-separated values with an
-/// optional header line. The sparse form is "label 1:v 3:v ..." with ascending indices from 1;
-/// labels are ignored; missing entries are zero. The first line with a comma or a colon
-/// decides the form. If `state_dim` > 0, samples must have that many entries; sparse lines may have
+/// Reads samples, one per line, in LIBSVM's sparse format or as comma-separated values with an
+/// optional header line. The sparse format is "label 1:v 3:v ..." with ascending indices from 1;
+/// labels are ignored; missing entries are zero. The first line with a comma or a colon determines
+/// the format. If `state_dim` > 0, samples must have that many entries; sparse lines may have
 /// fewer.
 /// @throws std::runtime_error naming file, line and reason. On Linux, rejects a file larger than
 ///   the available memory before reading it.

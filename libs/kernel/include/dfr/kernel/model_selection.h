@@ -35,8 +35,8 @@ namespace dfr::kernel {
 struct SelectionOptions {
   std::vector<double> gammas = {0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0};
   std::vector<double> nus = {0.05};
-  /// Number of folds for cross-validation, >= 2. Folds hold out whole demonstrations, because
-  /// states of one demonstration resemble each other.
+  /// Number of folds for cross-validation, >= 2. Folds hold out whole demonstrations, because the
+  /// states of a demonstration resemble each other.
   int folds = 4;
   /// Fraction of held-out states that must lie inside, in (0, 1].
   double acceptance = 0.90;
@@ -74,9 +74,9 @@ struct Selection {
 
 /// Compares pairs of nu and gamma by cross-validation over whole demonstrations. If the samples are
 /// few, computes the distances between them once for the whole grid.
-/// @throws std::invalid_argument naming the option out of range or the demonstration that is empty,
-///   of another width than the first, or not finite, or if there are fewer than two demonstrations
-///   per fold.
+/// @throws std::invalid_argument naming the option that is out of range, or the demonstration that
+///   is empty, not finite or of a different width from the first. Also if there are fewer than two
+///   demonstrations per fold.
 Selection SelectModel(std::span<const core::Matrix> demonstrations,
                       const SelectionOptions& options);
 

@@ -53,7 +53,7 @@ struct FitSummary {
     /// Stopped by `progress`. kkt_gap is infinity if no gap was computed yet.
     kInterrupted,
     /// No further progress: the tolerance is below the rounding error of doubles for these samples,
-    /// or that of floats, and memory_mib is too little for doubles.
+    /// or below that of floats while memory_mib is too small for doubles.
     kStalled,
   };
   Reason reason = Reason::kConverged;
@@ -110,14 +110,15 @@ class OneClassSvm {
   double Gradient(std::span<const double> x, std::span<double> gradient) const noexcept;
 
   /// Returns l(x) = log(sum_i alpha_i k(x, x_i)) - log rho. It has the sign and zero set of g but
-  /// does not underflow: far outside, it still distinguishes distances. -infinity where g is
-  /// -infinity or squared distances overflow, +infinity for rho <= 0. Never allocates.
+  /// does not underflow: far outside, it still distinguishes distances. It is -infinity where g is
+  /// -infinity or squared distances overflow, and +infinity for rho <= 0. Never allocates.
   [[nodiscard]] double LogDecision(std::span<const double> x) const noexcept;
   /// Converts l to g: rho (e^l - 1). Maps infinities to themselves.
   [[nodiscard]] double FromLog(double l) const noexcept;
 
   /// Returns l(x) and writes its derivative 2 gamma ms to `gradient`, where ms = sum_i w_i (x_i -
-  /// x) and w_i is proportional to alpha_i k(x, x_i). Zero where l is -infinity. Never allocates.
+  /// x) and w_i is proportional to alpha_i k(x, x_i). The gradient is zero where l is -infinity.
+  /// Never allocates.
   ///
   /// For any samples, Jensen's inequality with these weights gives
   ///   l(x + d) >= l(x) + d . grad l(x) - gamma |d|^2.
@@ -125,18 +126,18 @@ class OneClassSvm {
 
   /// Writes g of each row of `x` (any number x state_dim()), with the same bits as Decision(), on
   /// `threads` threads (0: one per core). With one thread it neither allocates nor locks.
-  /// @throws std::invalid_argument if the shapes do not fit or threads < 0.
+  /// @throws std::invalid_argument if the shapes do not match or threads < 0.
   void DecisionBatch(const Eigen::Ref<const core::Matrix>& x, std::span<double> g,
                      int threads = 1) const;
 
-  /// Returns the same estimate, evaluated in float with twice the lanes and half the memory. The
-  /// relative error of the kernel sum is at most 1e-6 + 5e-9 n for states of n entries, if no entry
-  /// is farther than a few widths 1/sqrt(gamma) from the centre of the support vectors. The error
-  /// grows in proportion to that distance.
+  /// Returns the same estimate, evaluated in float with twice the vector lanes and half the memory.
+  /// The relative error of the kernel sum is at most 1e-6 + 5e-9 n for states of n entries, if no
+  /// entry is farther than a few widths 1/sqrt(gamma) from the centre of the support vectors. The
+  /// error grows in proportion to that distance.
   [[nodiscard]] OneClassSvm InSinglePrecision() const;
 
-  /// Returns L with |g(x) - g(y)| <= L |x - y|: the steepest slope of one kernel, sqrt(2 gamma /
-  /// e), because alpha sums to 1.
+  /// Returns L with |g(x) - g(y)| <= L |x - y|. It is the steepest slope of one kernel, sqrt(2
+  /// gamma / e), because alpha sums to 1.
   [[nodiscard]] double lipschitz_bound() const noexcept;
 
   [[nodiscard]] int state_dim() const noexcept;

@@ -43,8 +43,8 @@ struct WhitenedSupportOptions {
   [[nodiscard]] int Stride(int num_steps) const noexcept;
 };
 
-/// Support of demonstrated features at each time step, for guided recovery: a tight core of the
-/// demonstrations rather than an estimate that accepts nearly everything.
+/// Support of demonstrated features at each time step, for guided recovery: a tight estimate of
+/// their core rather than one that accepts nearly every state.
 ///
 /// Differences from TimeVaryingSupport:
 /// - It pools the states of neighbouring time steps. Few demonstrations suffice, and timing matters
@@ -106,12 +106,13 @@ class WhitenedSupport final : public core::LogDecisionFunction {
   std::vector<Phase> phases_;
 };
 
-/// Result of a test that a support excludes the space between ways. The test looks for time steps
-/// at which the demonstrated states form clusters (core::SpanningTree(), in the coordinates of that
-/// time step). A cluster has at least three states and at least a tenth of all states. It is at
-/// least four standard deviations of states about their neighbours away from the next cluster. The
-/// midpoint between two neighbouring clusters should be outside, unless a demonstration passes near
-/// it at another time. Chance also produces such clusters at a few time steps.
+/// Result of a test that a support excludes the space between different ways to do a task. The test
+/// looks for time steps at which the demonstrated states form clusters (core::SpanningTree(), in
+/// the coordinates of that time step). A cluster has at least three states and at least a tenth of
+/// all states. It is at least four standard deviations of states about their neighbours away from
+/// the next cluster. The midpoint between two neighbouring clusters should be outside, unless a
+/// demonstration passes near it at another time. Chance also produces such clusters at a few time
+/// steps.
 struct ModeSeparationTest {
   int steps = 0;   ///< Number of tested time steps: all steps of the support.
   int points = 0;  ///< Number of midpoints between two clusters, over all time steps.
@@ -122,11 +123,11 @@ struct ModeSeparationTest {
                                                     std::span<const core::Matrix> demonstrations);
 
 /// Returns the mean over time steps of log(V_narrow / V_wide). V is the volume of {l >= level} of a
-/// support of these demonstrations; the two supports differ only in gamma. If equally many left-out
-/// states reach either level, the smaller volume describes the demonstrations better (Thomas,
-/// Feuillard and Gramfort 2015, arXiv:1506.05600). Uses importance sampling with 400 fixed draws
-/// per time step. Ignores time steps with fewer than 5 demonstrations or with fewer than 10 draws
-/// inside `narrow`; returns 0 if no time step remains.
+/// support of these demonstrations; the two supports differ only in gamma. If the same number of
+/// left-out states reaches each level, the smaller volume describes the demonstrations better
+/// (Thomas, Feuillard and Gramfort 2015, arXiv:1506.05600). Uses importance sampling with 400 fixed
+/// draws per time step. Ignores time steps with fewer than 5 demonstrations or with fewer than 10
+/// draws inside `narrow`; returns 0 if no time step remains.
 [[nodiscard]] double LogVolumeRatio(const WhitenedSupport& wide, double wide_level,
                                     const WhitenedSupport& narrow, double narrow_level,
                                     std::span<const core::Matrix> demonstrations);

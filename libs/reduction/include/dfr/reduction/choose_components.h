@@ -48,11 +48,11 @@ struct ComponentsChoice {
   std::string reason;
 };
 
-/// Chooses the number of components by left-out demonstrations.
+/// Chooses the number of components by its scores on left-out demonstrations.
 ///
-/// Demonstrations are left out in core::StratifiedFolds(). For each fold and each k the whitening,
+/// Demonstrations are left out in core::StratifiedFolds(). For each fold and each k, the whitening,
 /// the support and the transitions come from the other demonstrations. Fewer than 2000 actions are
-/// judged. The scores themselves come from all demonstrations: they do not depend on actions.
+/// scored. The scores themselves come from all demonstrations: they do not depend on actions.
 ///
 /// Rule: among the candidates with inside >= least_inside, the smallest k whose explained share is
 /// within one standard error of the best (Breiman et al., Classification and Regression Trees,
@@ -60,10 +60,10 @@ struct ComponentsChoice {
 /// control::LocalFit::Guesses() is true for the best one. docs/decisions.md gives the reasons.
 /// @param demonstrations  scores as states (T + 1 x p), actions as controls (T x m). k components
 ///   are the first k scores of each block, or all of a shorter block. A candidate is tried only if
-///   a block has so many scores.
+///   a block has at least that many scores.
 /// @throws std::invalid_argument if there are fewer than four demonstrations, shapes do not match,
-///   an entry is not finite, all actions are zero, no candidate fits into p, or an option is out
-///   of range.
+///   an entry is not finite, all actions are zero, every candidate exceeds the number of scores of
+///   each block, or an option is out of range.
 [[nodiscard]] ComponentsChoice ChooseComponents(std::span<const core::Trajectory> demonstrations,
                                                 const ChooseComponentsOptions& options = {});
 

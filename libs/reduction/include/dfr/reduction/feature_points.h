@@ -54,8 +54,8 @@ class FeaturePoints {
   /// @param shape    height and width in [side, kMostPixelsASide], and channels.
   /// @param patches  points x (side side channels), in units of the standard deviation: rows from
   ///   the top, interleaved channels.
-  /// @throws std::invalid_argument if a size does not fit or is out of range, or a value is not
-  ///   finite or not within 1e6.
+  /// @throws std::invalid_argument if a size does not match or is out of range, or a value is not
+  ///   finite or exceeds 1e6 in magnitude.
   FeaturePoints(const core::PictureShape& shape, int side, double sharpness, core::Matrix patches);
 
   /// Finds patches by k-means on the random windows whose variance is above the median (Coates and

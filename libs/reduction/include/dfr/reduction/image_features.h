@@ -19,9 +19,9 @@ struct PictureView {
 /// Reason why a picture has no features.
 enum class PictureFault {
   kNone,
-  kWrongSize,  ///< Unexpected size or number of channels, too small a stride, or no data.
+  kWrongSize,  ///< Unexpected size or number of channels, a stride that is too small, or no data.
   kDark,       ///< Black: darker than ImageFeaturesOptions::least_mean.
-  kFrozen,     ///< Equal to the previous pictures to the bit: a working sensor has noise.
+  kFrozen,     ///< Identical to the previous pictures. A working sensor has noise.
 };
 
 /// Order of the channels of a colour picture: BGR as in OpenCV, or RGB as in datasets.
@@ -31,7 +31,7 @@ enum class ChannelOrder { kBgr, kRgb };
 inline constexpr double kNormalMean = 128.0;
 inline constexpr double kNormalDeviation = 48.0;
 
-/// Method by which ImageFeatures normalizes the light of a picture.
+/// Method by which ImageFeatures normalises the light of a picture.
 enum class LightNormalisation {
   kNone,
   kGain,           ///< Scales to a mean of 128, which removes changes of brightness.
@@ -60,8 +60,8 @@ struct ImageFeaturesOptions {
   int frozen_after = 0;
 };
 
-/// Converts pictures to vectors of floats: crops, averages over areas, converts to grey, normalizes
-/// the light. A reduction::Reduction takes the result.
+/// Converts pictures to vectors of floats: crops, averages over areas, converts to grey, and
+/// normalises the light. A reduction::Reduction takes the result.
 ///
 /// Each object belongs to one camera and one thread. Apply() never allocates, locks or throws.
 class ImageFeatures {
@@ -82,7 +82,7 @@ class ImageFeatures {
 
   /// Distributes each feature's value (size() values), such as its share of a level, over the
   /// averaged pixels in proportion to their weights. Adds the result to `pixels` (height x width x
-  /// channels entries), whose sum grows by the sum of the values. Ignores the normalization of
+  /// channels entries), whose sum grows by the sum of the values. Ignores the normalisation of
   /// light.
   void Spread(std::span<const double> features, std::span<double> pixels) const noexcept;
 

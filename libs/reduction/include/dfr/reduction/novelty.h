@@ -48,8 +48,8 @@ class Novelty {
   /// @param begin      first row of each demonstration, then the number of rows.
   /// @param positions  positions of the patches, one matrix per demonstration, one row per picture;
   ///   empty: none.
-  /// @throws std::invalid_argument if sizes do not fit, there are fewer than two demonstrations, or
-  ///   one is empty.
+  /// @throws std::invalid_argument if sizes do not match, there are fewer than two demonstrations,
+  ///   or one is empty.
   static Novelty Fit(const RowSource& pictures, const core::PictureShape& shape,
                      std::span<const Eigen::Index> begin, std::span<const core::Matrix> positions);
 

@@ -10,7 +10,7 @@ namespace dfr::reduction {
 
 /// Options for FitPrincipalComponents().
 struct PrincipalComponentsOptions {
-  /// Maximum number of components, >= 1. A fit returns fewer if the rows have fewer directions.
+  /// Maximum number of components, >= 1. A fit returns fewer if the rows vary in fewer directions.
   int components = 128;
   /// Random directions beyond `components`, >= 0. More directions make the last components more
   /// accurate.
@@ -18,7 +18,7 @@ struct PrincipalComponentsOptions {
   /// Number of passes that multiply by the covariance, >= 1. After q passes, the angle of component
   /// i to its estimate is about (v_l / v_i)^q, with variances v and l = components + oversampling.
   int power_iterations = 3;
-  /// The scale of an entry is its standard deviation, and at least this fraction of the root mean
+  /// The scale of an entry is its standard deviation, but at least this fraction of the root mean
   /// square over all entries, in [0, 1]. This minimum limits the noise of entries that barely vary.
   /// Use 1 for pictures, whose entries share a unit, and less if units differ.
   double scale_floor = 0.3;

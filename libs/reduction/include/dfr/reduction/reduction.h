@@ -14,8 +14,8 @@ namespace dfr::reduction {
 /// Entries with scale 0 never varied in the fit and are ignored.
 ///
 /// Immutable. Concurrent calls are safe. Apply() of one state never allocates, locks or throws and
-/// may be called in the control loop. Weights are in float, sums over more than 512 entries in
-/// double. The same values give the same z for every type of x.
+/// may be called in the control loop. Weights are in float, and sums over more than 512 entries are
+/// in double. The same values give the same z for every type of x.
 class Reduction {
  public:
   /// Maximum d and maximum k.
@@ -25,7 +25,7 @@ class Reduction {
   /// @param mean        d.
   /// @param scale       d, each >= 0.
   /// @param projection  P, k x d.
-  /// @throws std::invalid_argument if sizes do not fit or exceed the maxima, a scale is negative,
+  /// @throws std::invalid_argument if sizes do not match or exceed the maxima, a scale is negative,
   ///   or an entry is not finite.
   Reduction(Eigen::VectorXd mean, Eigen::VectorXd scale, core::Matrix projection);
 

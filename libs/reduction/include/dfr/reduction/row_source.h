@@ -19,8 +19,8 @@ class RowSource {
   /// Number of entries of a row.
   [[nodiscard]] virtual Eigen::Index width() const noexcept = 0;
   /// Copies rows first, ..., first + block.rows() - 1 to `block`, which has width() columns. A fit
-  /// calls Read() from one thread. A row must have the same values at each call. Exceptions pass
-  /// through the fit.
+  /// calls Read() from one thread. A row must have the same values at each call. The fit forwards
+  /// exceptions.
   virtual void Read(Eigen::Index first, Eigen::Ref<core::Matrix> block) const = 0;
 };
 

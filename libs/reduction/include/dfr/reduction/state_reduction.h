@@ -29,10 +29,10 @@ namespace dfr::reduction {
 /// pca:     principal components of a picture or of another block
 /// slow:    slow features of the leading principal components, at least kMostChosen of them
 ///
-/// K is the number of components; without it the caller chooses. The other options are for pictures
-/// (core::StateLayout::Block::picture): one channel, the size after averaging, and the
-/// normalization of light (LightNormalisation; "standard", the default, is kGainAndOffset).
-/// points: averages larger pictures to 32 pixels along the longer side, unless a size is given.
+/// K is the number of components. Without K, the caller chooses the number. The other options are
+/// for pictures (core::StateLayout::Block::picture): one channel, the size after averaging, and the
+/// normalisation of light (LightNormalisation; "standard", the default, is kGainAndOffset). Without
+/// a size, points: averages larger pictures to 32 pixels along the longer side.
 ///
 /// Immutable. Share one object, because copying is slow. Concurrent calls with separate workspaces
 /// are safe.
@@ -68,20 +68,20 @@ class StateReduction {
   [[nodiscard]] static std::vector<core::BlockRequest> Requests(std::string_view features);
 
   /// Fits the components and the novelty of pictures to the states of all demonstrations. A block
-  /// whose request names no number of components gets at most kMostChosen.
+  /// whose request gives no number of components gets at most kMostChosen.
   /// @param threads  0: one per core. The result does not depend on it.
   /// @throws std::invalid_argument naming the feature or the demonstration, and its defect.
   static StateReduction Fit(const core::StateLayout& layout, std::string_view features,
                             std::span<const core::Trajectory> demonstrations, int threads = 0);
 
   /// Returns a copy with at most the first `components` components of each block whose request
-  /// names no number.
+  /// gives no number.
   [[nodiscard]] StateReduction WithComponents(int components) const;
   /// Returns a copy whose components are linear combinations of the present components.
-  /// @param weights  for each block whose request names no number of components, one row for each
+  /// @param weights  for each block whose request gives no number of components, one row for each
   ///   new component.
   [[nodiscard]] StateReduction Combined(std::span<const core::Matrix> weights) const;
-  /// Returns the number of blocks whose requests name no number of components.
+  /// Returns the number of blocks whose requests give no number of components.
   [[nodiscard]] int num_open() const noexcept;
   /// Returns the largest number of components of the blocks that num_open() counts.
   [[nodiscard]] int most_components() const noexcept;
@@ -128,7 +128,7 @@ class StateReduction {
   };
   /// @param block  the name of a reduced block.
   /// @throws std::invalid_argument if there is no such block, if it is reduced to points, which
-  /// show no picture, or, with the text of Fault(), if Apply() rejects the state.
+  /// cannot be shown as a picture, or, with the text of Fault(), if Apply() rejects the state.
   [[nodiscard]] Seen Reconstruct(std::string_view block, std::span<const double> state) const;
 
   /// Returns the largest Novelty::left_out() of the pictures; std::nullopt without pictures of at

@@ -18,7 +18,7 @@ struct AbsoluteAction {
   /// False if the action only repeats the state with which it was recorded.
   bool leads = true;
   double correlation = 0.0;  ///< Correlation with the state entry at the same or the next step.
-  double slope = 0.0;        ///< Slope of the action over the same state entry; 1 for a target.
+  double slope = 0.0;        ///< Slope of the action against the same state entry; 1 for a target.
   double period = 0.0;       ///< Period of the state entry if it is an angle that jumps; else 0.
 };
 
@@ -37,7 +37,8 @@ struct AbsoluteAction {
 /// change that the other actions leave unexplained. The part that u_k(t - l) leaves unexplained is
 /// at most half of the part that any difference u_k(t - l) - u_k(t - l - 1) leaves unexplained.
 /// Targets move a robot by their differences. If at least half of a block of entries counts as
-/// copies, and the block repeats all entries of the action in their order, all of the block does.
+/// copies, and the block repeats all entries of the action in their order, the whole block counts
+/// as copies.
 ///
 /// Memory and time per step are linear in the number of state entries.
 class ActionAnalysis {
@@ -86,7 +87,7 @@ class ActionAnalysis {
   Eigen::MatrixXd history_changes_;
   Eigen::VectorXd changes_;
   Eigen::VectorXd change_squares_;
-  RotationFinder angles_;  // Regards each entry of the state by itself.
+  RotationFinder angles_;  // Treats each state entry separately.
 };
 
 /// Returns the targets in a set of demonstrations; empty if the set is empty.

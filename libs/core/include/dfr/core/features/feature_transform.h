@@ -15,8 +15,8 @@ struct WhiteningOptions {
   double ridge = 0.03;
   /// If false, each feature is only divided by its standard deviation.
   bool decorrelate = true;
-  /// If true, uses differences of states from their neighbours, which separates several ways to do
-  /// a task. If false, uses differences from the mean.
+  /// If true, uses differences of states from their neighbours, which separates different ways to
+  /// do a task. If false, uses differences from the mean.
   bool local = true;
 };
 
@@ -35,13 +35,13 @@ class FeatureTransform {
   /// Returns the transform z = f(x).
   static FeatureTransform Identity(FeatureSelection selection);
 
-  /// Uses W = (Corr + ridge I)^(-1/2) diag(1/sd). Corr and sd describe how demonstrated states
-  /// differ from their neighbours at the same time step (LocalScatter()), pooled over all t at
-  /// which at least half of the demonstrations are still running. z therefore has about unit
-  /// variance across demonstrations, for any units. Progress of the task does not count as
-  /// variance. If a feature moves in the same way in all demonstrations, its sd is its root mean
-  /// square change per time step.
-  /// @param demonstrations  one matrix of whole states each, rows in order of time.
+  /// Returns the transform with W = (Corr + ridge I)^(-1/2) diag(1/sd). Corr and sd describe how
+  /// demonstrated states differ from their neighbours at the same time step (LocalScatter()),
+  /// pooled over all t at which at least half of the demonstrations are still running. z therefore
+  /// has about unit variance across demonstrations, for any units. Progress of the task does not
+  /// count as variance. If a feature moves in the same way in all demonstrations, its sd is its
+  /// root mean square change per time step.
+  /// @param demonstrations  one matrix of whole states per demonstration, rows in time order.
   /// @throws std::invalid_argument if there are more than kMaxFeatures or fewer than two
   ///   demonstrations, their widths do not match the selection, the ridge is not positive, or no
   ///   selected feature differs between them.

@@ -22,7 +22,7 @@ class StateMap {
   static constexpr double kMostLengthError = 0.1;
 
   struct Quaternion {
-    int first = 0;  ///< The state's entries [first, first + 4).
+    int first = 0;  ///< Index of the first of the four entries.
     std::array<double, 4> reference = {};
   };
   struct Angle {
@@ -65,8 +65,8 @@ class StateMap {
 
   /// Returns the mapped value of one entry.
   [[nodiscard]] double Value(std::span<const double> state, int entry) const noexcept;
-  /// Returns the derivative of Value() with respect to the entry: 1 or -1, and for a quaternion
-  /// divided by its length. Motions of a quaternion do not change its length.
+  /// Returns the derivative of Value() with respect to the entry: 1 or -1, divided by the length of
+  /// a quaternion. Motions of a quaternion do not change its length.
   [[nodiscard]] double Slope(std::span<const double> state, int entry) const noexcept;
   /// Maps a state in place.
   void Apply(std::span<double> state) const noexcept;

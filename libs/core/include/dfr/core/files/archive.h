@@ -58,9 +58,9 @@ class ArchiveReader {
   /// Checks that no value is left.
   void End();
 
-  /// Call before creating `count` objects of `bytes_each` bytes whose number comes from the file.
-  /// Fails if the file is too small for that amount of memory. `what` names the objects in the
-  /// message.
+  /// Call before creating `count` objects of `bytes_each` bytes each, if `count` comes from the
+  /// file. Fails if the file is too small for that amount of memory. `what` names the objects in
+  /// the message.
   void Spend(std::uint64_t count, std::uint64_t bytes_each, const char* what);
 
   /// Throws std::runtime_error naming the file and `reason`, for a value that is invalid.

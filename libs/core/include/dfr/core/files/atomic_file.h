@@ -12,14 +12,14 @@ namespace dfr::core {
 ///
 /// Existing targets: a symbolic link remains a link, and the file it points to is replaced. A
 /// device, a pipe or a file that a process has open (/dev/stdout) is written in place. The new file
-/// keeps the old file's mode and, if the system permits, its owner and group. A file that did not
-/// exist gets 0666 without the bits of the umask. A file without write permission is not replaced.
-/// Other hard links to the file keep the old content.
+/// keeps the old file's mode and, if the system permits, its owner and group. A new file gets mode
+/// 0666 without the bits of the umask. A file without write permission is not replaced. Other hard
+/// links to the file keep the old content.
 ///
 /// All functions throw std::runtime_error naming the file and the system's message.
 class AtomicFile {
  public:
-  /// @param ending  ending of the temporary file's name, by which some libraries choose a format.
+  /// @param ending  ending of the temporary file's name; some libraries choose a format by it.
   explicit AtomicFile(const std::filesystem::path& path, const std::string& ending = ".part");
   /// Discards the data unless Commit() was called.
   ~AtomicFile();

@@ -5,7 +5,7 @@
 
 namespace dfr::core {
 
-/// Checks for programs that reject an output path before they begin to work. Both functions try to
+/// Checks of output paths that programs call before they begin to work. Both functions try to
 /// create a file and remove it at once. Existing files keep their content.
 
 /// Returns one line with the reason why the program cannot write a file at `path`, and the remedy;

@@ -28,11 +28,11 @@ struct Provenance {
 /// Returns the text for a file: one line "key=value" for each member, empty if nothing is known.
 /// @throws std::invalid_argument naming the member that holds a control character.
 [[nodiscard]] std::string ToText(const Provenance& provenance);
-/// Parses the text of ToText(), without any loss.
+/// Parses the text of ToText() without loss.
 /// @throws std::invalid_argument naming the invalid line.
 [[nodiscard]] Provenance ParseProvenance(std::string_view text);
 
-/// Returns the date in UTC, in the format of Provenance.
+/// Returns today's date in UTC, in the format of Provenance.
 [[nodiscard]] std::string Today();
 
 }  // namespace dfr::core

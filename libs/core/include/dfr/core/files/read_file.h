@@ -6,13 +6,13 @@
 
 namespace dfr::core {
 
-/// Call this function before opening a file. Accepts a missing file.
-/// @throws std::runtime_error naming `path`, for a folder, and for a pipe or a device, which could
-///   block forever.
+/// Checks a path before a file is opened for reading. Accepts a missing file.
+/// @throws std::runtime_error naming `path` if it is a folder, a pipe or a device. A pipe or a
+///   device could block forever.
 void CheckPlainFile(const std::filesystem::path& path);
 
 /// Appends the rest of `in`, a stream of the file `path`, to `bytes`. A disk failure in the middle
-/// of the file is an error: the result is never a part of the file.
+/// of the file is an error: the result never holds a part of the file only.
 /// @throws std::runtime_error naming `path` if `in` cannot be read or does not fit into memory.
 void AppendRest(std::istream& in, const std::filesystem::path& path, std::string& bytes);
 

@@ -15,8 +15,8 @@ namespace dfr::core {
 ///   MiB.
 [[nodiscard]] std::string CheckToml(const std::filesystem::path& file, std::string_view text);
 
-/// Returns the content of a configuration, for CheckToml(). Rejects folders and devices, because a
-/// device may have no end.
+/// Returns the content of a configuration file, for CheckToml(). Rejects folders and devices,
+/// because a device may have no end.
 /// @throws std::runtime_error naming `file` and the problem.
 [[nodiscard]] std::string ReadTomlText(const std::filesystem::path& file);
 

@@ -12,7 +12,7 @@
 namespace dfr::core {
 
 /// Returns the demonstrations' indices in an order that depends on `seed` and their content only,
-/// not on the order of recording or reading. The order is made in two steps:
+/// not on the order of recording or reading. Two steps determine the order:
 /// 1. Sort by the first entry that differs in single precision. Machines whose arithmetic differs
 ///    in the last bit then agree. Exact values break ties.
 /// 2. Shuffle with a seed made from `seed` and the entries that decided the sort. The first few
@@ -29,15 +29,15 @@ namespace dfr::core {
 [[nodiscard]] std::vector<Trajectory> InDeterministicOrder(
     std::span<const Trajectory> demonstrations, std::uint64_t seed = 0);
 
-/// Groups of demonstrations, by index. A fit leaves out one whole group. Each index is in one
-/// group.
+/// Groups of demonstrations, by index. Each index belongs to exactly one group. A fit leaves out
+/// one whole group.
 using Folds = std::vector<std::vector<std::size_t>>;
 
 /// Returns `folds` groups whose sizes differ by at most one, assigned in DeterministicOrder(). If
-/// the demonstrations form clusters (ways, goals) of at least `folds` members, the members of each
-/// cluster are spread over all folds: no fit misses a cluster. Clusters result from single linkage
-/// after cutting all links longer than three times their median. The distance between two
-/// demonstrations compares five states each, at equal fractions of their length.
+/// the demonstrations form clusters (ways to do the task, goals) of at least `folds` members, the
+/// members of each cluster are spread over all folds: no fit misses a cluster. Clusters result from
+/// single linkage after cutting all links longer than three times their median. The distance
+/// between two demonstrations compares five states of each, at equal fractions of their lengths.
 /// @param demonstrations  features, one row per time step, on comparable scales (whitened ones).
 /// @throws std::invalid_argument if there are fewer demonstrations than folds, fewer than two
 ///   folds, widths differ, or a demonstration has no row.

@@ -11,7 +11,7 @@ struct LocalScatterOptions {
   /// Fraction of the other points that count as neighbours of a point, nearest first, in (0, 1).
   double neighbours = 0.125;
   /// Fraction of each group's points that count, in (0, 1]: those with the nearest neighbours.
-  /// Outliers and points between the ways of a task have distant neighbours.
+  /// Outliers and points between two ways to do a task have distant neighbours.
   double kept = 0.5;
   /// Number of rounds, > 0. Each round measures distances in units of the previous round's scatter.
   int rounds = 3;
@@ -22,10 +22,10 @@ struct LocalScatterOptions {
 /// within a cluster, whereas the sample covariance measures the distance between clusters.
 ///
 /// It is the mean of (x_i - x_j)(x_i - x_j)' / 2 over points i and their nearest neighbours j in
-/// the same group, divided by the same statistic of as many standard normal points. Normal points
-/// therefore nearly keep their covariance. If each of two clusters has half of the points, the
-/// result is up to three times their actual width. The standard deviation of each entry is at least
-/// a twentieth of its value by PooledCovariance().
+/// the same group, divided by the same statistic of as many standard normal points. Normally
+/// distributed points therefore nearly keep their covariance. If each of two clusters has half of
+/// the points, the result is up to three times their actual width. The standard deviation of each
+/// entry is at least a twentieth of its value by PooledCovariance().
 ///
 /// @param groups  similar points, one per row, for example those of one time step. Groups with
 /// fewer than 4 points are ignored. At most 128 points of a group are used.

@@ -4,8 +4,8 @@
 
 namespace dfr::core {
 
-/// log Gamma(x) for x > 0. Concurrent calls are safe, whereas glibc's std::lgamma() writes to a
-/// global.
+/// Returns log Gamma(x) for x > 0. Concurrent calls are safe, whereas glibc's std::lgamma() writes
+/// to a global variable.
 [[nodiscard]] inline double LogGamma(double x) noexcept {
   int sign = 0;
   return ::lgamma_r(x, &sign);

@@ -6,8 +6,8 @@
 
 namespace dfr::core {
 
-/// Returns the value of rank `rank` in ascending order, from 0. Rearranges `values`; allocates
-/// nothing. @pre 0 <= rank < number of values, none of which is NaN
+/// Returns the value with rank `rank` in ascending order; the smallest has rank 0. Rearranges
+/// `values`; allocates nothing. @pre 0 <= rank < number of values, none of which is NaN
 template <std::ranges::random_access_range Values>
 [[nodiscard]] auto ValueOfRank(Values&& values, std::ptrdiff_t rank) noexcept {
   const auto nth = std::ranges::begin(values) + rank;

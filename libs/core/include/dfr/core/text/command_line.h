@@ -38,7 +38,7 @@ inline std::string MustNotBeNegative(const std::string& text) {
   return *value >= 0.0 ? "" : "must not be negative: " + text;
 }
 
-/// Check of a flag's value, as in --flag=false. CLI11 alone also takes numbers: 2 as true, and -1
+/// Check of a flag's value, as in --flag=false. CLI11 alone also accepts numbers: 2 as true, and -1
 /// and 0x10 as false.
 inline std::string MustBeTruth(const std::string& text) {
   for (const char* word : {"true", "false", "on", "off", "yes", "no", "1", "0"}) {
@@ -47,11 +47,11 @@ inline std::string MustBeTruth(const std::string& text) {
   return "'" + text + "' is neither true nor false";
 }
 
-/// Makes every numeric option of a program and its commands follow numbers.h: decimal numbers only.
-/// Rejects NaN, infinity, hexadecimal, overflow, and negative unsigned numbers. Numbers with
-/// leading zeros are decimal; CLI11 alone reads them as octal. Flags follow MustBeTruth(). Call
-/// this after all options are added. Options can have additional range checks. `App` has the
-/// interface of CLI::App (CLI11).
+/// Makes every numeric option of a program and its commands accept decimal numbers only
+/// (numbers.h). Rejects NaN, infinity, hexadecimal, overflow, and negative unsigned numbers.
+/// Numbers with leading zeros are decimal; CLI11 alone reads them as octal. Flags follow
+/// MustBeTruth(). Call this after all options are added. Options can have additional range checks.
+/// `App` has the interface of CLI::App (CLI11).
 template <typename App>
 void CheckNumbers(App& app) {
   const auto is_whole = []<std::integral T>(auto* option, const char* what, T) {

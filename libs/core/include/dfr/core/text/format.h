@@ -15,10 +15,10 @@ namespace dfr::core {
 [[nodiscard, gnu::format(printf, 1, 0)]] std::string FormatList(const char* format,
                                                                 std::va_list arguments);
 
-/// Returns `text`, which may quote a file, with bytes that control terminals or are not UTF-8 as
-/// "\xNN". Keeps line breaks.
+/// Returns `text`, which may quote a file, with each byte that controls terminals or is not UTF-8
+/// replaced by "\xNN". Keeps line breaks.
 [[nodiscard]] std::string Printable(std::string_view text);
-/// Replaces each byte that controls terminals by "?", also line breaks unless `keeps_lines`.
+/// Replaces each byte that controls terminals by "?", including line breaks unless `keeps_lines`.
 /// Neither allocates nor locks.
 void MakePrintable(std::span<char> text, bool keeps_lines = false) noexcept;
 
