@@ -20,7 +20,7 @@ struct dfr_guard {
 namespace {
 
 // An array, because a string would allocate, and the C library ends the process if it cannot
-// register the destructor of a thread's variable.
+// register the destructor of a thread-local variable.
 thread_local std::array<char, 1024> last_error{};
 
 void SetError(std::string_view text) noexcept {

@@ -146,12 +146,12 @@ struct Guard::Episode {
   control::GuidedController* guided = nullptr;       // The controller, if it can predict.
   std::unique_ptr<control::GuidedController> ahead;  // A copy for predictions.
   control::PhaseTracker tracker;
-  std::optional<control::PhaseTracker> certified;  // At the time step of the certified action.
+  std::optional<control::PhaseTracker> certified;  // Phase of the certified action.
   std::vector<double> features;                    // Features of the last state.
   std::vector<double> proposed;
-  std::vector<double> bounded;                                    // `proposed` within the limits.
-  std::vector<double> given;                                      // Result of the last Filter().
-  std::vector<double> chosen;                                     // Control of the controller.
+  std::vector<double> bounded;  // `proposed` within the limits.
+  std::vector<double> given;    // Result of the last Filter().
+  std::vector<double> chosen;   // Control that the controller chose.
   std::optional<reduction::StateReduction::Workspace> workspace;  // Set if states are reduced.
   int next = 0;
   int entry = -1;  // First entry of the invalid quaternion.
@@ -302,7 +302,7 @@ Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const doub
   if (step.mode == Mode::kHalt) {
     std::fill(safe.begin(), safe.end(), 0.0);
   } else if (step.mode == Mode::kPolicy && !step.filtered) {
-    // The action stays unchanged to the bit, also for a monitor.
+    // The action stays unchanged bit for bit, also for a monitor.
     std::copy(episode.bounded.begin(), episode.bounded.end(), safe.begin());
   } else if (episode.steers) {
     std::copy(episode.bounded.begin(), episode.bounded.end(), safe.begin());
@@ -389,7 +389,7 @@ void Guard::Applied(std::span<const double> action) noexcept {
     return;
   }
   if (episode.guided == nullptr) return episode.controller->Stop(HaltCause::kStepSkipped);
-  // A false report, in wrong units for example, would outweigh all other measurements.
+  // A false report, for example in wrong units, would outweigh all other measurements.
   for (std::size_t i = 0; i < action.size(); ++i) {
     const ActionEntry& entry = model_->actions().entries()[i];
     const double most =

@@ -79,7 +79,7 @@ std::vector<SensorGroup> ReadGroups(core::ArchiveReader& archive, int state_dim)
     }
     group.longest = archive.Number();
     if (!(group.longest >= 0.0 && std::isfinite(group.longest))) {
-      archive.Fail("holds a longest standstill that is not a number of steps");
+      archive.Fail("has a longest standstill that is not a number of steps");
     }
   }
   return groups;
@@ -162,12 +162,12 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
       std::string name = archive.Text();
       const int size = archive.IntegerIn(1, core::StateLayout::kMaxStateDim);
       const std::vector<int> picture = archive.Integers();
-      if (picture.size() != 3) archive.Fail("holds a picture without a shape");
+      if (picture.size() != 3) archive.Fail("has a picture without a shape");
       if (picture == std::vector{0, 0, 0}) {
         layout.Add(std::move(name), size);
       } else {
         layout.Add(std::move(name), {picture[0], picture[1], picture[2]});
-        if (layout.blocks.back().size != size) archive.Fail("holds a picture of a different size");
+        if (layout.blocks.back().size != size) archive.Fail("has a picture of a different size");
       }
     }
     std::shared_ptr<const reduction::StateReduction> reduction;
@@ -187,9 +187,9 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
       constant_entries =
           constant_entries->Mapped(core::StateMap::Load(archive, layout.state_dim()));
       if (constants.size() != static_cast<std::size_t>(constant_entries->num_features())) {
-        archive.Fail("does not hold one constant per constant entry");
+        archive.Fail("does not have one value per constant entry");
       }
-      if (!core::AllFinite(constants)) archive.Fail("holds a constant that is not finite");
+      if (!core::AllFinite(constants)) archive.Fail("has a constant that is not finite");
     }
     std::optional<core::FeatureTransform> context;
     if (archive.IntegerIn(0, 1) == 1) {
@@ -206,7 +206,7 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
     if (std::ssize(periods) != (reduction ? reduction->state_dim() : layout.state_dim()) ||
         !core::AllFinite(periods) ||
         std::ranges::any_of(periods, [](double period) { return period < 0.0; })) {
-      archive.Fail("holds periods of angles that do not fit its states");
+      archive.Fail("has periods of angles that do not match its states");
     }
     GuardSettings settings;
     settings.strategy = ParseStrategy(archive.Text());

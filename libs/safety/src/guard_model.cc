@@ -304,8 +304,8 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
   if (options.strategy == Strategy::kCertified && drift > control::Certifier::kFeatureRounding) {
     model->summary_.fit_warnings.push_back(core::Format(
         "features change by up to %.2g in steps with a zero action: assumption 3 of a certificate "
-        "does not hold, and a certified guard halts there. Remove the cause, such as noise of "
-        "sensors, or use another strategy",
+        "does not hold, and a certified guard halts there. Remove the cause, such as sensor "
+        "noise, or use another strategy",
         drift));
   }
   if (alarm.confidence < options.confidence) {

@@ -12,8 +12,8 @@
 namespace dfr::safety {
 namespace {
 
-// A double this many periods from zero resolves 1e-10 of a period. No counter of revolutions gets
-// this far.
+// A double this many periods from zero resolves 1e-10 of a period. No counter of revolutions
+// reaches this value.
 constexpr double kMostRevolutions = 1e6;
 
 }  // namespace

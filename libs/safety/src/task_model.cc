@@ -28,7 +28,8 @@ kernel::WhitenedSupport LoadSupport(core::ArchiveReader& archive, bool single_pr
     core::Matrix map = archive.MatrixBlock();
     const double gamma = archive.Number();
     const double rho = archive.Number();
-    // Below, every state would be inside. A sum of kernels whose weights sum to 1 is at most 1.
+    // With rho <= 0, every state would be inside. A sum of kernels whose weights sum to 1 is at
+    // most 1.
     if (!(rho > 0.0 && rho <= 1.0 + kRounding)) archive.Fail("rho must lie in (0, 1]");
     const double scale = archive.Number();
     const std::vector<double> alpha = archive.Numbers();

@@ -43,7 +43,7 @@ TEST(GuardAdviceTest, NoiseOfSensorsIsNamed) {
   EXPECT_TRUE(model->settings().demonstrated);
   EXPECT_THAT(Warnings(*model),
               testing::Contains(testing::AllOf(HasSubstr("of the change of features"),
-                                               HasSubstr("of the rest is noise of sensors"))));
+                                               HasSubstr("of the rest is sensor noise"))));
 }
 
 // Every state without an alarm has a demonstrated state within the clearance, in the state's unit.

@@ -43,7 +43,7 @@ double LargestError(const core::Matrix& points, const core::Matrix& controls, do
 // An exactly linear system has no error, but a certificate needs a positive eps.
 double AtLeastRounding(double error) { return std::max(error, 1e-12); }
 
-// Only demonstrations with a control have a sample.
+// Only demonstrations with a nonzero control give a sample.
 EstimatedConstant Finish(double value, int demonstrations, double confidence) {
   DFR_THROW_UNLESS(value > 0.0, "no demonstrated control has changed a feature");
   return {value, confidence, std::pow(1.0 - confidence, 1.0 / demonstrations), demonstrations};

@@ -106,7 +106,7 @@ Step CertifiedController::DoNext(std::span<const double> x, std::span<double> u)
   if (!Certify(model, step)) return Halted(step, HaltCause::kNoProgress);
   const bool passes = step.mode == Mode::kPolicy && within && v_ == learned_;
   step.filtered = step.mode == Mode::kPolicy && !passes;
-  // A control that passes is unchanged to the bit.
+  // A control that passes is unchanged, bit for bit.
   if (!passes) {
     step.change = (v_ - core::AsVector(u) / task_.response().control_unit()).norm();
     core::AsVector(u) = v_ * task_.response().control_unit();

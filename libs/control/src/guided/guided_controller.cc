@@ -138,7 +138,7 @@ Step GuidedController::Decide(Step step, std::span<double> u) noexcept {
   corrections_ = passes ? 0 : corrections_ + 1;
   at_edge_.Add(passes && step.log_g < task_.levels().edge(step.t));
   step.filtered = step.mode == Mode::kPolicy && !passes;
-  // A control that passes is unchanged to the bit.
+  // A control that passes is unchanged, bit for bit.
   if (!passes) {
     step.change = (v_ - core::AsVector(u) / task_.response().control_unit()).norm();
     core::AsVector(u) = v_ * task_.response().control_unit();

@@ -112,7 +112,7 @@ Levels Levels::Load(core::ArchiveReader& archive) {
       levels.median_.size() != steps) {
     archive.Fail("gate, pass, edge and median levels must have the same number of time steps");
   }
-  // Each of the two is an interpolation that rounds.
+  // Both levels result from interpolations with rounding errors.
   constexpr double kRounding = 1e-9;
   for (std::size_t t = 0; t < steps; ++t) {
     if (levels.pass_[t] > levels.gate_[t] * (1.0 + kRounding)) {

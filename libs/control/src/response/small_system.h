@@ -3,7 +3,7 @@
 #include <Eigen/Core>
 
 // Products and Cholesky factors of small matrices, computed in registers. The results equal Eigen's
-// to the bit, because every entry is one sum in ascending order. Eigen's general functions take
+// bit for bit, because every entry is one sum in ascending order. Eigen's general functions take
 // several times as long for a few rows. Factors of matrices with more than kMostOnStack rows differ
 // from Eigen's in rounding. Nothing allocates or throws.
 namespace dfr::control::internal {

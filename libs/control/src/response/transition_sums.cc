@@ -38,7 +38,7 @@ HWY_INLINE void DistancesFrom(std::size_t i, const float* points, std::size_t co
   }
 }
 
-// Vectorized over rows, including the padding behind them.
+// Vectorised over rows, including the padding after them.
 float Distances(const float* points, std::size_t column_stride, std::size_t dim, const float* z,
                 std::size_t rows, float* distances) {
   constexpr Floats d;
@@ -71,8 +71,8 @@ float Distances(const float* points, std::size_t column_stride, std::size_t dim,
                                                       : std::numeric_limits<float>::quiet_NaN();
 }
 
-// In double: exponentials of float vectors differ between processors by more than the later
-// rounding to float.
+// Computes in double, because exponentials of float vectors differ between processors by more than
+// the later rounding to float.
 double WeightsOf(const float* distances, const std::int32_t* indices, std::size_t count,
                  float least, double scale, double floor, double* weights) {
   constexpr Doubles d;
@@ -100,7 +100,7 @@ double WeightsOf(const float* distances, const std::int32_t* indices, std::size_
   return sum;
 }
 
-// Counts the distances of at most `bound`. Ignores the padding behind the rows.
+// Counts the distances of at most `bound`. Ignores the padding after the rows.
 HWY_INLINE std::size_t CountAtMost(const float* distances, std::size_t rows, float bound) {
   constexpr Floats d;
   constexpr std::size_t kLanes = hn::MaxLanes(d);

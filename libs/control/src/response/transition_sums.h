@@ -4,7 +4,7 @@
 #include <cstdint>
 
 // Sums over the transitions of a TransitionStore, with the widest available vectors. Entries are
-// summed in order of the rows, so processors with fused multiply-add agree to the bit. Sums are
+// summed in order of the rows, so processors with fused multiply-add agree bit for bit. Sums are
 // floats, like transitions. A sum of some hundred rows loses one decimal digit, which is less than
 // the noise of demonstrations. Nothing allocates or throws.
 namespace dfr::control::internal {

@@ -27,7 +27,7 @@ enum {
 
 /* Decision of a guard. */
 typedef struct {
-  uint32_t size;      /* Set by the caller: sizeof(dfr_guard_verdict). Limits the written bytes. */
+  uint32_t size;      /* Set by the caller: sizeof(dfr_guard_verdict). Limits the bytes written. */
   int32_t mode;       /* DFR_GUARD_POLICY and so on. */
   int32_t changed;    /* 1 if the action differs from the policy's. */
   int32_t alarm;      /* 1 if the state is outside, invalid, unlike demonstrations or frozen. */

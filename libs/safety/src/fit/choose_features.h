@@ -54,7 +54,7 @@ std::vector<core::Trajectory> Mapped(const core::StateMap& map,
 
 /// @throws std::invalid_argument if almost no state of left-out demonstrations is inside. The
 /// message names better features: parts of the state, and entries that determine the others.
-/// @returns false if a callback stopped it.
+/// @returns false if a callback stopped the check.
 bool RefuseUnlessInside(const core::StateLayout& layout, const Recorded& recorded,
                         const GuardFit& fit, const ActionSpace& actions, int folds,
                         const StageCallback& going_on);

@@ -63,7 +63,7 @@ struct Pool {
   reduction::ComponentsChoice choice = {};
 };
 
-// Scores each number of components by left-out demonstrations.
+// Scores each number of components on left-out demonstrations.
 void Judge(std::span<const core::Trajectory> demonstrations, const GuardOptions& options,
            Pool& pool) {
   const StateReduction& all = pool.reduction;

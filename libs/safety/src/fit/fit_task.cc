@@ -68,7 +68,7 @@ class SupportFits {
     return Fit(points_, options);
   }
 
-  // Evaluates the demonstrations of each fold by a support fitted without them. The results keep
+  // Evaluates the demonstrations of each fold with a support fitted without them. The results keep
   // the order of the demonstrations. Returns nothing if `going_on` returns false. With three
   // demonstrations one fold has no support. `without`, if given, receives the supports.
   std::optional<HeldOut> LeaveOut(const core::Folds& folds,

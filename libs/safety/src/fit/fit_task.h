@@ -55,7 +55,7 @@ struct Recorded {
   control::FeatureTrajectories seen;      ///< Demonstrations in `features`.
 };
 
-/// Levels of demonstrations by supports fitted without them.
+/// Levels of demonstrations under supports fitted without them.
 struct HeldOut {
   std::vector<control::HeldOutLevels> each;  ///< One entry per demonstration.
   std::vector<double> worst;                 ///< -l at the worst state of each demonstration.

@@ -31,8 +31,7 @@ std::vector<std::string> Warnings(const GuardModel& model) {
     warnings.push_back(core::Format(
         "only %.0f %% of the states of left-out demonstrations are inside, and even a good policy "
         "will be corrected: record more demonstrations, use fewer features, or use every k-th "
-        "state "
-        "if demonstrations are long or differ in pace",
+        "state if demonstrations are long or differ in pace",
         100.0 * summary.acceptance));
   }
   if (summary.changed > fit::kMostChanged || summary.ends_outside > fit::kMostOutside) {
@@ -44,11 +43,11 @@ std::vector<std::string> Warnings(const GuardModel& model) {
   if (control::LocalFit::Guesses(summary.explained, summary.action_error)) {
     warnings.push_back(core::Format(
         "the features explain only %.0f %% of the variance of left-out demonstrations' actions: "
-        "add the demonstrator's other information%s.%s",
+        "add the other information that the demonstrator had%s.%s",
         100.0 * std::max(0.0, summary.explained),
         model.task().response().prior()->options().measured_changes
             ? ""
-            : ", or reduce the noise of sensors, which hides the effects of actions",
+            : ", or reduce the sensor noise, which hides the effects of actions",
         settings.demonstrated
             ? ""
             : " The guard does not apply actions of nearby demonstrations: it corrects the "
@@ -236,8 +235,8 @@ struct Changes {
 
 // Returns the fraction of the squared changes of features that the demonstrated response and the
 // drift explain, over some hundred demonstrated transitions, and the fraction of the rest that is
-// noise of sensors. Noise of variance s adds 2 s to the squares, and its return in the next step
-// adds -s to the products of consecutive errors.
+// sensor noise. Noise of variance s adds 2 s to the squares, and its return in the next step adds
+// -s to the products of consecutive errors.
 Changes JudgeChanges(const GuardModel& model, std::span<const core::Trajectory> demonstrations) {
   constexpr std::size_t kSamples = 400;
   const control::Response& response = model.task().response();
@@ -327,7 +326,7 @@ std::vector<std::string> FitWarnings(const GuardModel& model,
                                        100.0 * std::max(0.0, changes.explained));
     warning += changes.noise > kMostlyNoise
                    ? core::Format(
-                         ", and %.0f %% of the rest is noise of sensors: smooth the states "
+                         ", and %.0f %% of the rest is sensor noise: smooth the states "
                          "without delay, or use every k-th state",
                          100.0 * changes.noise)
                    : ": use features that the robot moves, and run guard check to compare actions "

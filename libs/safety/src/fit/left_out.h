@@ -26,7 +26,7 @@ struct Replay {
   }
 };
 
-/// Scores fewer than 2000 actions, by the support and the transitions fitted without the action's
+/// Scores fewer than 2000 actions, each with the support and the transitions fitted without its
 /// demonstration. Uses the levels of `task`, which is fitted to all demonstrations.
 /// @returns nothing if `going_on`, which is called for each fold, returns false.
 [[nodiscard]] std::optional<Replay> ReplayLeftOut(const Recorded& recorded, const GuardFit& fit,

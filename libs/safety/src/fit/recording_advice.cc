@@ -68,8 +68,8 @@ std::string DescribeCopies(std::span<const core::Trajectory> demonstrations) {
   }
   if (copies == 0) return "";
   return pair + (copies > 1 ? core::Format(", and %d others are copies, too", copies - 1) : "") +
-         ": a copy of a left-out demonstration remains in the fit, so that the shares of left-out "
-         "demonstrations are too good and alarms are too frequent. Leave copies out";
+         ": a copy of a left-out demonstration remains in the fit. The shares of left-out "
+         "demonstrations are then too good, and alarms are too frequent. Leave copies out";
 }
 
 std::string DescribeRest(const GuardModel& model,

@@ -43,8 +43,8 @@ inline constexpr double kDemonstratedRidge = 0.1;
 /// LocalFit::NominalControl(): penalty on the squared difference from the demonstrated control, in
 /// units of trace(J' J) / m, the mean squared effect of a unit control.
 inline constexpr double kNearness = 0.03;
-/// LocalFit::LeastExcitedDirection(): number of power iterations. A^-1 has a few rows, and
-/// an approximate eigenvector suffices.
+/// LocalFit::LeastExcitedDirection(): number of power iterations. A^-1 has few rows, and an
+/// approximate eigenvector suffices.
 inline constexpr int kPowerIterations = 30;
 
 /// StateObserver: smallest weight of an observation. With a smaller weight the estimate would
@@ -73,26 +73,27 @@ inline constexpr double kEdgeRamp = 10.0;
 /// Levels::pass_depth(): minus this quantile of l over held-out demonstrated states.
 inline constexpr double kPassDepthQuantile = 0.05;
 /// SafetyFilter: at the pass depth a control passes unless a correction is predicted to end inside.
-/// Down to this multiple of the exit level, and if its norm is at most kResting ordinary controls,
-/// it always passes: corrections would push on a policy that waits.
+/// It always passes down to this multiple of the exit level, or if its norm is at most kResting
+/// ordinary controls: a correction would push a policy that waits.
 inline constexpr double kShallowDepth = 0.25;
 inline constexpr double kResting = 0.2;
 /// GuidedController: after this number of consecutive corrections no control passes at the pass
 /// depth until a control passes without it. A policy that leaves the support does so repeatedly.
 inline constexpr int kDepthCorrections = 2;
-/// GuidedController: halts after kMostAway consecutive controls that led away. A control leads away
-/// if the distance to the nearest demonstrated state grows by more than this fraction of the change
-/// of the state: a motion within 60 degrees of the direction straight away.
+/// GuidedController: halts after kMostAway consecutive controls that lead away. A control leads
+/// away if the distance to the nearest demonstrated state grows by more than this fraction of the
+/// change of the state: a motion within 60 degrees of the direction directly away.
 inline constexpr double kLeadsAway = 0.5;
 inline constexpr int kMostAway = 4;
 /// GuidedController: maximum number of relocations of the phase in an episode.
 inline constexpr int kMostRelocations = 2;
 
 /// SafetyFilter: a change of the learned control is skipped if its norm is at most this multiple of
-/// an ordinary control, it gains little, and the changed control would still not pass. The second
-/// limit applies where a drift of the features of at most kRestDrift times the root mean square
-/// effect of an ordinary control on an entry, and no model of a disturbance, show that the world
-/// rests, and the learned control does not lower the level: waiting costs nothing.
+/// an ordinary control, it gains little, and the changed control would still not pass. kIdleAtRest
+/// applies instead if the world rests and the learned control does not lower the level: waiting
+/// then costs nothing. The world rests if no model of a disturbance is active and the drift of the
+/// features is at most kRestDrift times the root mean square effect of an ordinary control on an
+/// entry.
 inline constexpr double kIdle = 0.5;
 inline constexpr double kIdleAtRest = 1.5;
 inline constexpr double kRestDrift = 0.3;

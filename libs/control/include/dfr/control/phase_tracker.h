@@ -24,8 +24,8 @@ class PhaseTracker {
  public:
   /// Number of phases searched on either side of the expected phase.
   static constexpr int kWindow = 3;
-  /// Penalty in l per phase of distance from the expected phase. It is so small that it decides
-  /// only within wide supports.
+  /// Penalty in l per phase of distance from the expected phase. It is small enough to decide only
+  /// within wide supports.
   static constexpr double kPenalty = 0.05;
 
   explicit PhaseTracker(const core::LogDecisionFunction& support) : support_(&support) {}

@@ -84,7 +84,7 @@ struct RolloutWorkspace {
 /// halted or collided (Sec. V-A). Evaluates collided() and completed() in the start state and after
 /// every control, including probes, recovery controls and controls that the plant failed to apply,
 /// because the plant may have moved. A collision takes precedence over a failure of the plant, and
-/// a failure over completion. Calls the plant's Halt() at the end, also if the observer throws, and
+/// a failure over completion. Calls the plant's Halt() at the end, even if the observer throws, and
 /// then OnEnd(). Does not call Halt() if Reset() throws.
 ///
 /// Never allocates after Reset() of the plant if a `workspace` of the right size is given.

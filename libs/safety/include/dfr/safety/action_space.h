@@ -15,8 +15,8 @@ struct ActionEntry {
   double largest = 0.0;  ///< Largest demonstrated |u_i|.
   /// True if a guard may change the entry. An entry with few demonstrated values, such as a gripper
   /// that opens or closes, is steered only in two cases: the state moves in proportion to the
-  /// entry, as with an axis that moves at one speed or stands still, or no entry would be steered.
-  /// Otherwise the policy's value passes, clamped to the limit.
+  /// entry, as with an axis that moves at one speed or stands still, or no entry at all would be
+  /// steered. In all other cases the policy's value passes, clamped to the limit.
   bool steered = true;
   /// Size of an ordinary value: the root mean square over demonstrated nonzero actions, times the
   /// square root of the number of steered entries. An ordinary action has |a| = 1 in any units.
@@ -27,7 +27,8 @@ struct ActionEntry {
 /// an action may combine metres, radians and a gripper of +-1. Immutable.
 class ActionSpace {
  public:
-  /// Entries of states must not jump (core::RemoveJumps()): an axis would look like a gripper.
+  /// Entries of states must not jump (core::RemoveJumps()): an axis with jumps would look like a
+  /// gripper.
   /// @param order  the order of summation; empty: core::DeterministicOrder().
   /// @throws std::invalid_argument if all demonstrated actions are zero.
   explicit ActionSpace(std::span<const core::Trajectory> demonstrations,
@@ -50,7 +51,7 @@ class ActionSpace {
   [[nodiscard]] std::vector<core::Trajectory> Measured(
       std::span<const core::Trajectory> demonstrations) const;
 
-  /// Computes `a` from `u`. All following functions of the class, too, neither allocate nor throw.
+  /// Computes `a` from `u`. This function and all following ones neither allocate nor throw.
   void Measure(std::span<const double> u, std::span<double> a) const noexcept;
   /// Writes the steered entries of `u` from `a`.
   void Restore(std::span<const double> a, std::span<double> u) const noexcept;

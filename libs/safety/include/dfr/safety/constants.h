@@ -7,9 +7,9 @@ namespace dfr::safety::fit {
 
 /// Number of cross-validation folds. Each fold leaves whole demonstrations out.
 inline constexpr int kFolds = 5;
-/// Number of points that a mode separation test may find inside, as a fraction of its points or of
-/// the time steps, whichever is larger. While the test finds more points inside, the fit doubles
-/// gamma, at most kMostDoublings times.
+/// Maximum number of points that a mode separation test may find inside, as a fraction of its
+/// points or of the time steps, whichever is larger. While the test finds more points inside, the
+/// fit doubles gamma, at most kMostDoublings times.
 inline constexpr double kMostInGaps = 0.05;
 inline constexpr int kMostDoublings = 2;
 /// The fit doubles gamma if the support then covers more left-out states per volume. Volumes are
@@ -57,7 +57,8 @@ inline constexpr double kMostChangedReduced = 0.2;
 /// grows with the number of whitened features, so gamma decreases beyond this number.
 inline constexpr double kFeaturesOfGamma = 3.0;
 /// Largest number of components chosen by actions. A fit compares directions in the space of this
-/// many first components, which overfit less, with directions in the space of all components.
+/// number of leading components, which overfit less, with directions in the space of all
+/// components.
 inline constexpr int kMostByActions = 12;
 /// Largest fraction of left-out actions that may be predicted to end outside. Above it the guard
 /// only monitors, because its corrections would be harmful. In 41 fits this fraction was 4 to 10 %
@@ -98,8 +99,8 @@ inline constexpr double kClockError = 1e-3;
 /// kConstantTolerance max(1, |c|), the state belongs to another task.
 inline constexpr double kConstantTolerance = 1e-3;
 
-/// A sensor is frozen if its entries are the same to the bit for more than kStandstillFactor times
-/// the longest demonstrated standstill plus kStandstillMargin steps.
+/// A sensor is frozen if its entries are identical for more than kStandstillFactor times the
+/// longest demonstrated standstill plus kStandstillMargin steps.
 inline constexpr double kStandstillFactor = 2.0;
 inline constexpr double kStandstillMargin = 3.0;
 

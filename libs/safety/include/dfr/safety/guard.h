@@ -14,7 +14,7 @@ namespace dfr::safety {
 
 /// Source of an action.
 enum class Source {
-  kPolicy,          ///< The policy's action, unchanged to the bit.
+  kPolicy,          ///< The policy's action, unchanged bit for bit.
   kPolicyChanged,   ///< The policy's action, changed to end inside or clamped to the limit.
   kDemonstrations,  ///< The nominal action of nearby demonstrations, possibly changed.
   kProbe,           ///< A probe of the guard, to measure the effect of an action.
@@ -104,8 +104,8 @@ struct ChunkVerdict {
 /// `state`. `t` counts the calls, which reveals a lost or repeated call. The guard fails closed: it
 /// halts on a state or action of the wrong size or with a non-finite entry, a quaternion whose norm
 /// is not 1, a `t` that is not the next one, and a call before Reset(). Unless it only monitors, it
-/// also halts on a picture or constant entry unlike demonstrations, and on a sensor group that
-/// stands still for too long. Actions are then zero until Reset().
+/// also halts on a picture or constant entry that differs from all demonstrations, and on a sensor
+/// group that stands still for too long. Actions are then zero until Reset().
 ///
 /// One object belongs to one thread; guards on several threads may share a model. Reset(), Filter()
 /// and Applied() neither allocate, lock nor throw.
@@ -115,7 +115,7 @@ class Guard {
   /// model's settings.
   explicit Guard(std::shared_ptr<const GuardModel> model,
                  std::unique_ptr<control::RecoveryStrategy> strategy = nullptr);
-  /// Creates a guard from a file. @throws std::runtime_error as GuardModel::Load().
+  /// Creates a guard from a file. @throws std::runtime_error as GuardModel::Load() does.
   static Guard Load(const std::filesystem::path& path);
   Guard(Guard&&) noexcept;
   Guard& operator=(Guard&&) noexcept;
@@ -152,15 +152,15 @@ class Guard {
   /// action is judged as by Filter(), later ones at predicted states. At most kLongestChunk actions
   /// are judged, each in the time of one Filter().
   ///
-  /// Does not change the guard, even for invalid input. `t` must equal next_step(). Then
+  /// Does not change the guard, even for invalid input. `t` must equal next_step(). After the call,
   /// play the counted actions, each through Filter() with the observed state, because observations
   /// may differ from predictions. After them, or after the first action that Filter() changes,
   /// query the policy for a new chunk.
   ///
   /// Causes: kStepSkipped for another `t`; kStateInvalid for a state of the wrong size, not finite,
-  /// frozen, or unlike demonstrations; kBadQuaternion; kControlInvalid for no action, a number of
-  /// entries that is not a multiple of action_dim(), or a non-finite entry. A halted guard returns
-  /// its cause.
+  /// frozen, or unlike demonstrations; kBadQuaternion; kControlInvalid for an empty chunk, a number
+  /// of entries that is not a multiple of action_dim(), or a non-finite entry. A halted guard
+  /// returns its cause.
   [[nodiscard]] ChunkVerdict FilterChunk(int t, std::span<const double> state,
                                          std::span<const double> actions) noexcept;
   static constexpr int kLongestChunk = 256;

@@ -36,8 +36,8 @@ struct Clearance {
   double median = 0.0;   ///< Median over time steps.
 };
 /// Returns the clearances of all blocks that features use. If demonstrations kept a distance of
-/// `largest` from every constraint, no support meets a constraint. This is the assumption of a
-/// certificate in the units of the state (kernel::CoverRadius()).
+/// `largest` from every constraint, no support contains a state that violates a constraint. This is
+/// the assumption of a certificate in the units of the state (kernel::CoverRadius()).
 [[nodiscard]] std::vector<Clearance> Clearances(const GuardModel& model);
 
 /// Attributes -l of each state to its entries: row i has one contribution per entry of row i of
@@ -74,8 +74,8 @@ struct NearestDemonstration {
 };
 /// Searches time steps within three of `t`, or all of them if `t` is negative. `demonstrations` has
 /// one matrix of states per demonstration.
-/// @throws std::invalid_argument if `state` or a demonstration is not state_dim() wide, or naming
-/// the demonstrated state that is not finite.
+/// @throws std::invalid_argument if `state` or a demonstration is not state_dim() wide, or a
+/// demonstrated state is not finite. The message names this state.
 [[nodiscard]] NearestDemonstration Nearest(const GuardModel& model, int t,
                                            std::span<const double> state,
                                            std::span<const core::Matrix> demonstrations);
@@ -83,7 +83,7 @@ struct NearestDemonstration {
 /// Explains a decision of a guard in one sentence: the entries of the state or of the predicted
 /// next state that are outside, by how much, and the time step. `state` and `action` are the
 /// arguments of Guard::Filter(). Predicts the next state from demonstrations alone. Returns "" for
-/// a policy's action that passed. Not for a control loop: allocates and takes the time of about 100
+/// a policy's action that passed. Not for a control loop: allocates and takes about as long as 100
 /// decisions.
 [[nodiscard]] std::string Explain(const GuardModel& model, const Verdict& verdict,
                                   std::span<const double> state, std::span<const double> action);

@@ -26,9 +26,9 @@ namespace dfr::safety {
 
 /// Treatment of a policy's action near the boundary of the support.
 enum class Strategy {
-  /// Least intervention: the policy's action passes unchanged to the bit if it is predicted to end
-  /// inside. Otherwise it is corrected, if possible by the nominal action of nearby demonstrations
-  /// (GuidedController).
+  /// Least intervention: the policy's action passes, unchanged bit for bit, if it is predicted to
+  /// end inside. Otherwise it is corrected, if possible by the nominal action of nearby
+  /// demonstrations (GuidedController).
   kGuard,
   /// Demonstrations drive: the policy's action passes only if it is predicted to end deep inside.
   /// Intended for a bad policy, or for use without a policy.
@@ -51,8 +51,8 @@ struct GuardSettings {
   Strategy strategy = Strategy::kGuard;
   int horizon = 100;       ///< Time step, > 0, at which the guard halts; waiting does not count.
   int max_actions = 1200;  ///< Maximum number of actions of any kind, > 0; the guard then halts.
-  /// Largest absolute value of each entry of an applied action, >= 0: one each, or one for all.
-  /// Zero keeps an entry at rest.
+  /// Largest absolute value of each entry of an applied action, >= 0: one per entry, or one for
+  /// all. Zero keeps an entry at rest.
   std::vector<double> action_limit = {1.0};
   double alarm_level = 0.2;  ///< Alarm if l, the logarithmic form of g, is below -alarm_level.
   /// For kCertified: eps >= 0 in |dz - J u| <= eps |u|, the largest error of the predicted response
@@ -67,12 +67,12 @@ struct GuardSettings {
 /// Results of a fit, stored in the file.
 struct GuardSummary {
   std::string source = {};   ///< Origin of the demonstrations, if given by the caller.
-  std::string version = {};  ///< Version of the library that fitted.
+  std::string version = {};  ///< Version of the library that fitted the model.
   int demonstrations = 0;
   int transitions = 0;  ///< Number of actions in all demonstrations.
   double nu = 0.0;
   double gamma = 0.0;
-  // Results of cross-validation, or on held-out demonstrations, at the time steps of Levels().
+  // Results from cross-validation, or from held-out demonstrations, at the time steps of Levels().
   double acceptance = 0.0;               ///< Fraction of states inside.
   double inside_throughout = 0.0;        ///< Fraction of demonstrations that stay inside.
   kernel::ModeSeparationTest gaps = {};  ///< Result for the support with this gamma.
@@ -83,8 +83,9 @@ struct GuardSummary {
   double confidence = 0.0;
   int held_out = 0;      ///< Number of demonstrations held out of the fit.
   int support_fits = 0;  ///< Number of fitted supports, which take most of the time.
-  /// Alarm level by supports fitted without a contiguous part of the recording, and the probability
-  /// of so large a difference from cross-validation by chance (Wilcoxon's signed-rank test).
+  /// Alarm level from supports fitted without a contiguous part of the recording, and the
+  /// probability of so large a difference from cross-validation by chance (Wilcoxon's signed-rank
+  /// test).
   double drift_level = 0.0;
   double drift_chance = 1.0;
   /// eps and K in |dz - J u| <= eps |u| and |dz| <= K |u|, in whitened features.
@@ -123,7 +124,7 @@ struct GuardOptions {
   int horizon = 0;
   static constexpr int kLongestHorizon = (1 << 30) / fit::kActionsPerStep;
   /// GuardSettings::action_limit. Empty: 1.5 times the largest demonstrated value of each entry,
-  /// which can compensate for actions with two thirds of their effect.
+  /// which can compensate for a reduction of the actions' effect to two thirds.
   std::vector<double> action_limit = {};
   double false_alarms = 0.1;  ///< Fraction of demonstrations that may raise an alarm, in (0, 1).
   double confidence = 0.0;    ///< GuardSummary::confidence, in [0, 1).
@@ -157,7 +158,7 @@ struct Certification {
   Eigen::VectorXd effect = {};  ///< J u, the predicted change of the features.
 };
 
-/// Entries of a state that a frozen sensor or camera leaves unchanged to the bit while the robot
+/// Entries of a state that a frozen sensor or camera leaves exactly unchanged while the robot
 /// moves. A standstill is counted in steps. A step with an ordinary or larger action counts 1, a
 /// step with a smaller action its |a| (ActionSpace), and a step at rest 0.
 struct SensorGroup {
@@ -184,7 +185,7 @@ class GuardModel {
   /// the demonstrations changes only GuardSummary::drift_level and drift_chance. Unit quaternions
   /// and angles that jump by a period are made continuous if features use them
   /// (core::FindRotations()), here and in every later state.
-  /// @returns null if `options.progress` or `options.support.svm.progress` stopped it.
+  /// @returns null if `options.progress` or `options.support.svm.progress` stopped the fit.
   /// @throws std::invalid_argument naming the cause: fewer than three demonstrations, different
   /// shapes, an option out of range, or an unknown feature. Also if almost no state of left-out
   /// demonstrations is inside, naming better features, unless options.accept_any.
@@ -192,7 +193,7 @@ class GuardModel {
                                                std::span<const core::Trajectory> demonstrations,
                                                const GuardOptions& options = {});
 
-  /// Writes one file with a checksum. Load() restores the model to the bit.
+  /// Writes one file with a checksum. Load() restores the model bit for bit.
   /// @throws std::runtime_error naming the file and the system's error.
   void Save(const std::filesystem::path& path) const;
   /// @throws std::runtime_error naming the file and its defect: truncated, damaged, of another kind
@@ -249,7 +250,7 @@ class GuardModel {
   [[nodiscard]] int FindChangedConstant(std::span<const double> task_state,
                                         std::span<double> values) const noexcept;
   /// Returns the first entry of a finite state of task() that is an angle with jumps and more than
-  /// 1e6 periods from zero, as no robot reports it; -1 if there is none. Real-time safe.
+  /// 1e6 periods from zero, which no robot reports; -1 if there is none. Real-time safe.
   [[nodiscard]] int FindImmeasurableAngle(std::span<const double> task_state) const noexcept;
   /// Returns the period of each entry of a state of layout() that is an angle with jumps; 0 for
   /// other entries. If the state has pictures, only the requested features are known.
@@ -277,7 +278,8 @@ class GuardModel {
   /// settings().direction_error is unknown.
   [[nodiscard]] Certification Certify(int t, std::span<const double> state,
                                       std::span<const double> action) const;
-  /// Returns the certificate of strategy kCertified. @throws std::invalid_argument as Certify().
+  /// Returns the certificate of strategy kCertified. @throws std::invalid_argument as Certify()
+  /// does.
   [[nodiscard]] control::Certificate certificate() const;
 
  private:

@@ -16,7 +16,7 @@ void CheckExport(const GuardModel& model);
 /// and `x` (rows x state_dim), output `g` (rows), within 1e-12 of GuardModel::support(). Times out
 /// of range use the nearest estimate. A NaN in an entry that the guard uses gives NaN.
 /// @throws std::runtime_error naming the file and the system's error; std::invalid_argument as
-/// CheckExport().
+/// CheckExport() does.
 void ExportOnnx(const GuardModel& model, const std::filesystem::path& path);
 
 /// Appends the computation of g to a larger graph. @returns the name of g.

@@ -66,16 +66,16 @@ struct TaskParts {
   bool single_precision = false;    ///< See kernel::WhitenedSupportOptions.
   int horizon = 100;                ///< See TaskOptions::horizon.
 
-  /// Return g_t and l_t of whole states by `support`, and g_t and l_t by the support of Algorithm
-  /// 1. The results borrow this object.
+  /// Return g_t and l_t for whole states: those of `support`, and those of the support that
+  /// Algorithm 1 uses. The results borrow this object.
   [[nodiscard]] core::FeatureDecision GuidedDecision() const { return {features, support}; }
   [[nodiscard]] core::FeatureDecision PublishedDecision() const;
 };
 
 /// Model fitted to one set of demonstrations (docs/recovery.md): whitened features, their support
-/// at each time step, levels, the response to controls, and lambda. Creates all controllers.
-/// Guards, the programs and a new app each hold one. Owns all its parts. The order of the
-/// demonstrations changes no bit of the parts that guided recovery uses.
+/// at each time step, levels, the response to controls, and lambda. Creates all controllers. Each
+/// guard and each program has one. Owns all its parts. The parts that guided recovery uses are
+/// identical for any order of the demonstrations.
 ///
 /// Immutable; controllers on several threads share it.
 class TaskModel {
@@ -93,7 +93,7 @@ class TaskModel {
 
   /// Writes task.dfr and, if there is a published support, support.dfr into `folder`. Creates the
   /// folder if necessary. @throws std::runtime_error naming the file and the cause: the system's
-  /// error, or features with a core::StateMap, which only a guard file keeps.
+  /// error, or features with a core::StateMap, which only a guard file can store.
   void Save(const std::filesystem::path& folder) const;
   /// Reads the files of Save() for states of this `layout`.
   /// @throws std::runtime_error naming the file and its defect.
@@ -104,10 +104,10 @@ class TaskModel {
   /// Reads what Save(archive) wrote. @throws std::runtime_error naming the file and its defect.
   static TaskModel Load(core::ArchiveReader& archive, core::FeatureSelection selection);
 
-  /// Returns g_t of whole states for Algorithm 1. Uses the published support if there is one,
-  /// otherwise the support of guided recovery.
+  /// Returns g_t for whole states, as used by Algorithm 1. Uses the published support if there is
+  /// one, otherwise the support of guided recovery.
   [[nodiscard]] const core::DecisionFunction& support() const noexcept;
-  /// Returns g_t of whole states and its logarithmic form l_t by guided recovery's support.
+  /// Returns g_t and its logarithmic form l_t for whole states, from guided recovery's support.
   [[nodiscard]] const core::LogDecisionFunction& guided_support() const noexcept;
   /// Returns the map from a whole state to z of guided recovery.
   [[nodiscard]] const core::FeatureTransform& features() const noexcept;

@@ -35,7 +35,7 @@ struct EstimatedConstant {
 /// Predicts each demonstration from the demonstrations of the other `folds`, in the given order,
 /// and from its own past. The J of a fold therefore differs from the J of all demonstrations, and
 /// the bound is approximate.
-/// @throws std::invalid_argument as EstimateGain(), and if there are fewer than two demonstrations.
+/// @throws std::invalid_argument as EstimateGain() does, and for fewer than two demonstrations.
 [[nodiscard]] EstimatedConstant EstimateDirectionError(const FeatureTrajectories& demonstrations,
                                                        const core::Folds& folds,
                                                        const ResponseOptions& options = {},
@@ -48,7 +48,7 @@ struct EstimatedConstant {
     const ResponseOptions& options = {}, double confidence = 0.95);
 
 /// Overload with the J of `response`, which must not have been fitted to `held_out`: the bound is
-/// then exact. @throws std::invalid_argument as EstimateGain().
+/// then exact. @throws std::invalid_argument as EstimateGain() does.
 [[nodiscard]] EstimatedConstant EstimateDirectionError(const Response& response,
                                                        const FeatureTrajectories& held_out,
                                                        double confidence = 0.95);

@@ -21,9 +21,9 @@ namespace dfr::control {
 ///
 ///   1. The phase becomes a q with l_q(z) >= -eta, so it advances only into supports that contain
 ///      the state. Outside all supports the controller halts with kOutsideSupport.
-///   2. v <- AscendSupport(v_hat, hi) towards the support of tau + 1, with its Levels::median() as
-///      hi. A higher level would let fewer controls pass. If l_tau(z) and l_{tau+1}(z) are at
-///      least hi and v_hat is no larger than demonstrated, v = v_hat.
+///   2. v <- AscendSupport(v_hat, hi) towards the support of tau + 1, with Levels::median() of tau
+///      + 1 as hi. A higher level would let fewer controls pass. If l_tau(z) and l_{tau+1}(z) are
+///      at least hi and v_hat is no larger than demonstrated, v = v_hat.
 ///   3. If v is not predicted to end inside and J is uncertain in a direction of control, a probe
 ///      along this direction replaces v.
 ///   4. Certifier::Admit() changes or shrinks v until it passes. No correction exceeds
@@ -31,7 +31,7 @@ namespace dfr::control {
 ///      becomes a recovery that ascends l_tau from v = 0. A shrunk learned control consumes the
 ///      same fraction of a time step. After kMaxStalls stalls the controller halts (kNoProgress).
 ///   5. HaltRule ends the episode at its limits. Its patience counts consecutive recoveries and
-///      probes. Other controls consume time, also if only a part of them passes.
+///      probes. Other controls consume time, even if only a part of them passes.
 ///
 /// A certificate assumes that controls act at once, that nothing else moves the state, and that
 /// observed states are exact up to delta. The controller compares the assumption with the outcome

@@ -21,8 +21,9 @@ struct CertifiedOptions {
   Certificate certificate = {};
 
   int iterations = 6;
-  /// kNoProgress after this many consecutive recoveries and probes. Other controls, of which small
-  /// parts may pass, consume their share of the time up to `horizon`.
+  /// Number of consecutive recoveries and probes after which the controller halts with kNoProgress.
+  /// Other controls, of which small parts may pass, consume their share of the time up to
+  /// `horizon`.
   int patience = 12;
   double probe_size = 0.35;
   /// Tries nominal controls of nearby demonstrations where no change of the learned control passes.

@@ -71,9 +71,9 @@ class Certifier {
   /// Changes `v` until it provably ends inside B_q(eta) of a nearby phase q. First raises `v` to
   /// the required level by AscendSupport(), then tries the nominal control of nearby
   /// demonstrations, and finally shrinks the requested control. If almost nothing of it remains,
-  /// `v` becomes a recovery that maximizes the margin. A recovery of which almost nothing passes is
-  /// a stall; a zero control of another source is none. An entry with few values keeps its value in
-  /// a raised or shrunk control, and is 0 in a recovery. `fit` must be model.response.
+  /// `v` becomes a recovery that maximises the margin. A recovery of which almost nothing passes is
+  /// a stall. A zero control from another source is not. An entry with few values keeps its value
+  /// in a raised or shrunk control, and is 0 in a recovery. `fit` must be model.response.
   [[nodiscard]] CertifiedStep Admit(const LocalModel& model, LocalFit& fit,
                                     const StepLimits& limits, const Request& request,
                                     Eigen::VectorXd& v) noexcept;

@@ -25,12 +25,12 @@ namespace dfr::control {
 /// step". SafetyFilter implements steps 1 to 4, PhaseTracker step 5, HaltRule step 6. Two steps
 /// differ with GuidedOptions::least_intervention:
 ///
-///   1. The learned control passes at a predicted level of Levels::pass() or more, in a world at
-///      rest of Levels::pass() - Levels::pass_depth() or more, but not after
+///   1. The learned control passes at a predicted level of Levels::pass() or more. In a world at
+///      rest, Levels::pass() - Levels::pass_depth() suffices, but not after
 ///      guided::kDepthCorrections corrections until a control passes. If the state stays at the
-///      edge longer than in demonstrations, this level rises to Levels::gate(). A learned control
-///      also passes if it reaches this level in the present phase and a lower level in the next: a
-///      slow robot must not be hurried. The phase then stays, but not twice in a row.
+///      edge longer than in demonstrations, the required level rises to Levels::gate(). A learned
+///      control also passes if it reaches this level in the present phase and a lower level in the
+///      next: a slow robot may keep its pace. The phase then stays, but not twice in a row.
 ///   5. If a phase lasts half of GuidedOptions::patience controls and the state is outside its
 ///      support by more than the exit level, the task continues from the phase whose support
 ///      contains the state most deeply, if any. Each search evaluates all supports. An episode has
@@ -38,12 +38,12 @@ namespace dfr::control {
 ///
 /// Beyond the exit level a control leads away if the distance to the nearest state of all
 /// demonstrations grows by more than guided::kLeadsAway of the change of the state. After
-/// guided::kMostAway consecutive ones the controller halts (HaltRule). Each step beyond the exit
-/// level computes the distance to all demonstrated transitions.
+/// guided::kMostAway consecutive controls that lead away, the controller halts (HaltRule). Each
+/// step beyond the exit level computes the distance to all demonstrated transitions.
 ///
 /// A step is a recovery (Mode::kRecovery) if its control is derived from the nominal control. If it
 /// is derived from the learned control, the mode is Mode::kPolicy, and Step::filtered is set if the
-/// two differ. A control that passes is unchanged to the bit. Next() neither allocates nor locks.
+/// two differ. A control that passes is unchanged, bit for bit. Next() neither allocates nor locks.
 class GuidedController final : public Controller {
  public:
   /// Borrows the policy and everything that `task` borrows.
@@ -63,9 +63,9 @@ class GuidedController final : public Controller {
   [[nodiscard]] bool PassesNext(std::span<const double> control) noexcept;
 
   /// Reports that `u` (control_dim() finite entries) was applied instead of the control of the last
-  /// Next(), because the controller only monitors a policy or the robot has other limits. Call it
-  /// before the next Next(); the last report counts. The estimate and the phase are then updated
-  /// with `u`. A halted controller stays halted. Never allocates or locks.
+  /// Next(), for example because the controller only monitors a policy or the robot has other
+  /// limits. Call it before the next Next(); the last report counts. The estimate and the phase are
+  /// then updated with `u`. A halted controller stays halted. Never allocates or locks.
   void Applied(std::span<const double> u) noexcept;
   /// Retracts all reports of Applied() since the last Next().
   void AppliedAsChosen() noexcept;
@@ -106,8 +106,8 @@ class GuidedController final : public Controller {
   StateObserver observer_;
   SafetyFilter filter_;
   PhaseTracker tracker_;
-  PhaseTracker chose_in_;  ///< tracker_ as it was when the last control was chosen.
-  PhaseTracker moved_to_;  ///< tracker_ after that choice.
+  PhaseTracker chose_in_;  ///< State of tracker_ at the choice of the last control.
+  PhaseTracker moved_to_;  ///< State of tracker_ after that choice.
   Progress progress_;
   EdgeStay at_edge_;     ///< Counts steps at the edge whose learned control passed.
   int corrections_ = 0;  ///< Consecutive controls that did not pass.

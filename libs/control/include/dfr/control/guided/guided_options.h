@@ -17,7 +17,7 @@ struct GuidedOptions {
   int first_step = 0;       ///< First time step and phase of an episode, in [0, T).
   int max_controls = 1200;  ///< Maximum number of controls of any kind in an episode, > 0.
   /// Largest absolute value of an entry of an applied control, >= 0: one for all entries, or one
-  /// each.
+  /// per entry.
   std::vector<double> control_limit = {1.0};
   /// Durations of controls, if the world also moves by itself. |v| = 1 is an ordinary control.
   DisturbanceModel disturbance_model = {};

@@ -21,7 +21,7 @@ struct HaltRule {
   /// of them starts outside the support.
   int patience = 12;
 
-  /// Returns kNone while the episode continues. kNoProgress also after guided::kMostAway
+  /// Returns kNone while the episode continues. Also returns kNoProgress after guided::kMostAway
   /// consecutive controls that led away from demonstrations.
   [[nodiscard]] HaltCause operator()(const Progress& progress) const noexcept {
     if (progress.time >= horizon) return HaltCause::kTimeUp;

@@ -23,15 +23,16 @@ struct LevelOptions {
   /// States below this quantile are at the edge of the support. A policy that stays there longer
   /// than demonstrations do must end deeper inside (Levels::edge_stay()).
   double edge_quantile = 0.25;
-  /// States of the task may be outside the support down to l = -slack: an object to the side must
-  /// not stop the rest of the task. EstimateSlack() estimates the slack from demonstrations.
+  /// States of the task may be outside the support down to l = -slack: for example, a displaced
+  /// object must not stop the rest of the task. EstimateSlack() estimates the slack from
+  /// demonstrations.
   double slack = 0.2;
 };
 
 /// Estimates the slack: the distance of the supervisor's states from a support fitted without them,
 /// which is larger with fewer demonstrations. Returns minus the 0.2-quantile of l, at least the
 /// default of LevelOptions.
-/// @param held_out_levels  l of demonstrated states, by supports fitted without them.
+/// @param held_out_levels  l of demonstrated states under supports fitted without them.
 /// @throws std::invalid_argument if there are none.
 [[nodiscard]] double EstimateSlack(std::vector<double> held_out_levels);
 
@@ -47,7 +48,7 @@ class EdgeStay {
   double steps_ = 0.0;
 };
 
-/// Levels of one demonstration by a support that was fitted without it.
+/// Levels of one demonstration under a support that was fitted without it.
 struct HeldOutLevels {
   std::vector<double> levels;  ///< l of each state.
   std::vector<int> phases;     ///< Phase at which each level was evaluated.
@@ -64,8 +65,8 @@ class Levels {
          const LevelOptions& options = {});
 
   /// Sets edge_stay() to the 0.9-quantile of the longest stays of `held_out` at the edge, at least
-  /// guided::kLeastEdgeStay, and pass_depth() to minus the guided::kPassDepthQuantile of all
-  /// levels, at least 0. @throws std::invalid_argument if there are none.
+  /// guided::kLeastEdgeStay, and pass_depth() to minus the quantile guided::kPassDepthQuantile of
+  /// all levels, at least 0. @throws std::invalid_argument if there are none.
   void SetHeldOut(std::span<const HeldOutLevels> held_out);
 
   /// Appends this object to a file.
@@ -73,10 +74,10 @@ class Levels {
   /// Reads what Save() wrote. @throws std::runtime_error naming the file and its defect.
   static Levels Load(core::ArchiveReader& archive);
 
-  /// Returns hi_t >= 0: at this level of l_t no correction is needed. Times out of range use the
+  /// Returns hi_t >= 0: at this level of l_t, no correction is needed. Times out of range use the
   /// nearest time step.
   [[nodiscard]] double gate(int t) const noexcept { return Clamped(gate_, t); }
-  /// Returns lo_t in [0, hi_t]: from this level of l_t on the learned control may pass.
+  /// Returns lo_t in [0, hi_t]: from this level of l_t on, the learned control may pass.
   [[nodiscard]] double pass(int t) const noexcept { return Clamped(pass_, t); }
   /// Returns the level of l_t below which a state is at the edge of the support, >= 0.
   [[nodiscard]] double edge(int t) const noexcept { return Clamped(edge_, t); }

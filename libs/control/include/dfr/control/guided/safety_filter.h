@@ -29,13 +29,14 @@ class SafetyFilter {
   /// the state of `fit`. `target` is the next phase and its Levels::gate(). `v` is unchanged if its
   /// predicted level in the next phase is at least `pass_level`, or if its level in the present
   /// phase is at least `stay_level` and higher than in the next phase. With least intervention, in
-  /// a world at rest, and if `to_depth`, `pass_level` minus the pass depth suffices, unless a
-  /// corrected control is predicted to end inside, `v` is no resting control (guided::kResting) and
-  /// its level is below `pass_level` minus guided::kShallowDepth times the exit level. `v` is also
-  /// unchanged if the corrected control would still end below `pass_level`, differs by at most
-  /// guided::kIdle (in a world at rest, if `v` does not lower the level, kIdleAtRest), gains no
-  /// more than target.level - pass_level, and does not lead back inside. kRecovery: `v` does not
-  /// come from the learned control. kProbe: `v` is a probe.
+  /// a world at rest, and if `to_depth`, `pass_level` minus the pass depth suffices. It does not
+  /// suffice if all of these hold: a corrected control is predicted to end inside, `v` is not a
+  /// resting control (guided::kResting), and its level is below `pass_level` minus
+  /// guided::kShallowDepth times the exit level. `v` is also unchanged if the corrected control
+  /// would still end below `pass_level`, differs by at most guided::kIdle (in a world at rest, if
+  /// `v` does not lower the level, kIdleAtRest), gains no more than target.level - pass_level, and
+  /// does not lead back inside. The mode is kRecovery if `v` does not come from the learned
+  /// control, and kProbe if `v` is a probe.
   [[nodiscard]] Choice Filter(LocalFit& fit, const StepTarget& target, double pass_level,
                               Eigen::VectorXd& v,
                               double stay_level = std::numeric_limits<double>::infinity(),

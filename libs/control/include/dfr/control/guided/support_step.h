@@ -55,7 +55,8 @@ struct StepLimits {
   [[nodiscard]] bool HasFewValues(Eigen::Index k) const noexcept {
     return !values.empty() && !values[static_cast<std::size_t>(k)].empty();
   }
-  /// Moves each entry with few values to the nearest of these values, of two the first.
+  /// Moves each entry with few values to the nearest of these values, the lower of two equally
+  /// near ones.
   void Snap(Eigen::VectorXd& v) const noexcept;
 };
 
@@ -72,8 +73,8 @@ struct StepLimits {
 /// level. Changes `v` in place and returns its predicted level, which is never less than the level
 /// of the given `v`. Entries with few values stay unchanged.
 ///
-/// A pure function. If `v` is within the limits, the result is too. Neither allocates nor throws.
-/// Supports at most kMaxStepEntries features and control entries.
+/// This is a pure function. If `v` is within the limits, the result is too. Neither allocates nor
+/// throws. Supports at most kMaxStepEntries features and control entries.
 double AscendSupport(const LocalModel& model, const StepTarget& target, const StepLimits& limits,
                      Eigen::VectorXd& v) noexcept;
 /// Overload for a known `there` = model.Predict(target.phase, v). Updates `there` for the new `v`.

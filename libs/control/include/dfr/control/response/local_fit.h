@@ -25,7 +25,7 @@ struct DisturbanceModel {
 
 /// Local model of the change of features near one state, dz = J v + m + s d: the result of
 /// ResponseEstimate::FitAt(). The fit stays valid when the estimate changes.
-/// ResponseEstimate::MakeFit() allocates its memory; nothing here allocates, locks or throws.
+/// ResponseEstimate::MakeFit() allocates its memory; no member allocates, locks or throws.
 /// Non-const functions use scratch memory and do not change the fit. One object belongs to one
 /// thread.
 class LocalFit {
@@ -55,12 +55,12 @@ class LocalFit {
   /// nearest transitions. O(n^3).
   /// @returns false, and leaves `v` (m entries) unchanged, if there is no demonstrated control.
   [[nodiscard]] bool DemonstratedControl(Eigen::VectorXd& v) noexcept;
-  /// Computes the control that changes features as v_d did in demonstrations. It minimizes
-  /// |J v + m + s d - dz_d|^2 + 0.03 trace(J' J) / m |v - v_d|^2. It compensates for rotated or
-  /// scaled controls and for disturbances, as far as they are estimated. The demonstrated change
-  /// dz_d comes from the same regression as v_d. Without ResponseOptions::measured_changes it is
-  /// the change that J and m of demonstrations predict for v_d, and the result differs from v_d
-  /// only because of measurements of this episode. O(n^3).
+  /// Computes the control that changes features as v_d did in demonstrations. It minimises |J v + m
+  /// + s d - dz_d|^2 + 0.03 trace(J' J) / m |v - v_d|^2. It compensates for rotated or scaled
+  /// controls and for disturbances, as far as they are estimated. The demonstrated change dz_d
+  /// comes from the same regression as v_d. Without ResponseOptions::measured_changes it is the
+  /// change that J and m of demonstrations predict for v_d, and the result differs from v_d only
+  /// because of measurements of this episode. O(n^3).
   /// @returns false, and leaves `v` (m entries) unchanged, if there is no demonstrated control.
   [[nodiscard]] bool NominalControl(Eigen::VectorXd& v) noexcept;
   /// Sets the context (TransitionStore::context_dim() entries) on which NominalControl() depends in
@@ -70,7 +70,7 @@ class LocalFit {
   }
   /// Returns true if NominalControl() predicts demonstrated actions poorly: it explains neither
   /// their variance nor their mean. In the gallery's tasks `explained` is at least .29. Its
-  /// smallest values occur if demonstrators differ in pace. If the state lacks something that the
+  /// smallest values occur if demonstrators differ in pace. If the state lacks information that the
   /// demonstrator uses (a box, a velocity, a pole), `explained` is at most .17 and `error` at least
   /// .46. For a constant action with noise, `explained` is 0 and `error` is .2.
   /// @param explained  explained fraction of the variance of left-out actions.
@@ -84,12 +84,12 @@ class LocalFit {
   /// Returns the agreement of nearby demonstrations on the effect of entry `k` of a control, in [0,
   /// 1]: the share of the variance along v_k's row of D that the entry explains, once the other
   /// entries and the drift are subtracted. If a contact begins nearby, J is a mean of two
-  /// responses, and the share is small. 1 if demonstrations did not use the entry: J then comes
-  /// from measurements. O(n) for each transition used.
+  /// responses, and the share is small. The result is 1 if demonstrations did not use the entry: J
+  /// then comes from measurements. O(n) for each transition used.
   [[nodiscard]] double Agreement(Eigen::Index k) noexcept;
 
   /// Returns the root mean square of entry `k` of the demonstrated controls near z, in ordinary
-  /// controls. Infinite if there are no transitions.
+  /// controls. Returns infinity if there are no transitions.
   [[nodiscard]] double DemonstratedSize(Eigen::Index k) const noexcept;
 
   /// Returns the largest eigenvalue of the block of A^-1 that belongs to v, and writes its

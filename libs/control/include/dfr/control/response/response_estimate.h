@@ -81,7 +81,7 @@ class ResponseEstimate {
   Eigen::VectorXd error_;     ///< n
   Eigen::VectorXd effect_;    ///< n
   /// Smaller of the two squared errors in the last step. Infinite before the first error of an
-  /// episode, which therefore counts.
+  /// episode, so the first error counts.
   double last_error_ = std::numeric_limits<double>::infinity();
   double square_error_ = 0.0;  ///< Sum of the smaller of two consecutive errors, with forgetting.
   double num_errors_ = 0.0;    ///< Number of terms of square_error_, with forgetting.

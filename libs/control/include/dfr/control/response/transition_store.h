@@ -40,10 +40,11 @@ class TransitionStore {
   static constexpr int kSpread = 264;
 
   /// @param features  one matrix (T_i + 1 x n) per demonstration.
-  /// @param controls  one matrix (T_i x m) each, in units of us. Ignores zero controls.
-  /// @param contexts  one matrix (T_i x k, or with more rows) per demonstration: further
-  /// quantities, in addition to z, on which a control depends, in units in which 1 is a relevant
-  /// difference. Empty: k is 0.
+  /// @param controls  one matrix (T_i x m) per demonstration, in units of us. Ignores zero
+  ///   controls.
+  /// @param contexts  one matrix (T_i x k, or with more rows) per demonstration: quantities, in
+  /// addition to z, on which a control depends. In their units, 1 is a relevant difference.
+  /// Empty: k is 0.
   /// @throws std::invalid_argument if shapes do not match or an option is out of range.
   TransitionStore(std::span<const core::Matrix> features, std::span<const core::Matrix> controls,
                   const ResponseOptions& options, std::span<const core::Matrix> contexts = {});
@@ -61,7 +62,7 @@ class TransitionStore {
   [[nodiscard]] double mean_square_change() const noexcept { return mean_square_change_; }
 
   /// Returns true if sums at `z` do not overflow in float. They overflow only if |z| exceeds 1e18.
-  /// FitAt() cannot use demonstrations there.
+  /// FitAt() cannot use demonstrations at such a z.
   [[nodiscard]] bool Reaches(std::span<const double> z) const noexcept;
 
   /// Returns true if `z` is in the bounding box of all demonstrated states, enlarged on each side
@@ -100,7 +101,7 @@ class TransitionStore {
   bool SumControls(int t, std::span<const double> z, Workspace& workspace) const noexcept;
   /// Computes the sums of [z_i - z; 1]. Call it after SumControls().
   void SumStates(Workspace& workspace) const noexcept;
-  /// Same as SumStates() over the nearest transitions only, without normalization of the weights.
+  /// Same as SumStates() over the nearest transitions only, without normalisation of the weights.
   /// The distance of a transition includes the distance of its context c_i from c = `context`
   /// (context_dim() entries): weights are exp(-kBandwidth |z_i - z|^2 / n - |c_i - c|^2).
   void SumNearStates(Workspace& workspace, const Eigen::VectorXf& context) const noexcept;
