@@ -34,7 +34,7 @@ void Workers::Run(std::size_t count, const std::function<void(std::size_t)>& job
       helpers_.emplace_back([this] { Help(); });
     }
   } catch (const std::system_error&) {
-    // The system provides no further thread: the existing threads do all jobs.
+    // The system provides no more threads: the existing threads do all jobs.
   }
   std::unique_lock lock(mutex_);
   job_ = &job;

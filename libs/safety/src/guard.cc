@@ -312,7 +312,7 @@ Verdict Guard::Filter(int t, std::span<const double> whole, std::span<const doub
     if (episode.published) KeepUnsteered(model_->actions(), episode.bounded, safe);
   }
   // Enforces the limits for every source of the action. The caller's recovery has no limits, and
-  // conversions of units round.
+  // unit conversions round.
   if (room) {
     Clamp(model_->settings().action_limit, safe);
     std::copy(safe.begin(), safe.end(), episode.given.begin());

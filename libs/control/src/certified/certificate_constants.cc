@@ -96,7 +96,7 @@ EstimatedConstant EstimateDirectionError(const core::FeatureTransform& features,
                                          std::span<const core::Trajectory> demonstrations,
                                          const ResponseOptions& options, double confidence) {
   Check(demonstrations.size(), 2, confidence);
-  // A deterministic order gives sums the same bits for any order of `demonstrations`.
+  // In a deterministic order, sums have the same bits for any order of `demonstrations`.
   const FeatureTrajectories ordered(features, core::InDeterministicOrder(demonstrations));
   const int folds = static_cast<int>(std::min<std::size_t>(5, demonstrations.size()));
   return EstimateDirectionError(ordered, core::StratifiedFolds(ordered.points, folds), options,

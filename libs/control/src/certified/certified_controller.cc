@@ -140,7 +140,7 @@ bool CertifiedController::Certify(const LocalModel& model, Step& step) noexcept 
   if (!admission.gets_on) {
     tracker_.Wait();
   } else {
-    // Small shares add up to time steps.
+    // Small fractions add up to time steps.
     const double before = std::floor(progress_.time + 0.5);
     progress_.time += admission.share;
     tracker_.Reset(step.t + static_cast<int>(std::floor(progress_.time + 0.5) - before));

@@ -161,7 +161,7 @@ Certifier::CertifiedStep Certifier::Admit(const LocalModel& model, LocalFit& fit
     admitted.share = whole ? 1.0 : ShrunkFraction(model, limits, request.phase, v);
   }
   if (admitted.share < certified::kLeastShare) {
-    // The state is too close to the boundary in this direction: maximises the margin first.
+    // Maximises the margin first, because the state is too close to the boundary in this direction.
     v.setZero();
     static_cast<void>(
         AscendSupport(model, {request.phase, std::numeric_limits<double>::infinity()}, limits, v));

@@ -63,10 +63,10 @@ SafetyFilter::Choice SafetyFilter::Filter(LocalFit& fit, const StepTarget& targe
 }
 
 // Returns true if a change is not worth making: the changed control would still not pass, gains at
-// most the distance from pass level to gate, and differs little from the learned control. A control
-// that would leave the support is changed if the changed one stays inside. A larger change counts
-// as small in a world at rest, if the learned control does not lower the level: small gains would
-// add up otherwise.
+// most the difference between gate level and pass level, and differs little from the learned
+// control. A control that would leave the support is changed if the changed one stays inside. In a
+// world at rest, a larger change counts as small if the learned control does not lower the level.
+// If it does, the losses of several steps would add up.
 bool SafetyFilter::Idle(const LocalFit& fit, const Choice& choice, const StepTarget& target,
                         double pass_level, const Eigen::VectorXd& v) const noexcept {
   const double margin = target.level - pass_level;
@@ -116,7 +116,7 @@ double SafetyFilter::Raise(LocalFit& fit, const LocalModel& model, const StepTar
   const double before = model.Level(target.phase, from_);
   const double after = model.Level(target.phase, v);
   if (after > before) return after;
-  // The changes of several entries may help only together.
+  // The changes of several entries may raise the level only in combination.
   v = from_;
   return before;
 }

@@ -164,7 +164,7 @@ void ResponseEstimate::FitAt(int t, std::span<const double> z, LocalFit& fit) co
   }
   fit.b_ = b_online_;
   if (drift_rows_ > 0) {
-    // A few measurements of this episode cannot distinguish slopes from noise of observations.
+    // A few measurements of this episode cannot distinguish slopes from observation noise.
     fit.a_.diagonal().head(drift_rows_ - 1).array() += options.slope_ridge - options.drift_ridge;
     fit.a_online_ = a_online_;
     fit.wanted_ = center_ - fit.z_;

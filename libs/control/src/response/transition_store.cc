@@ -287,7 +287,7 @@ void TransitionStore::SumNearStates(Workspace& workspace,
   const auto rows = static_cast<std::size_t>(workspace.rows);
   const double scale = kBandwidth / feature_dim_;
   if (contexts_.cols() > 0) {
-    // Recomputed, because an earlier call may have added another context to the distances.
+    // Recomputes the distances, because an earlier call may have added another context to them.
     internal::SquaredDistances(points_.data() + workspace.first,
                                static_cast<std::size_t>(points_.rows()),
                                static_cast<std::size_t>(feature_dim_), workspace.z.data(), rows,

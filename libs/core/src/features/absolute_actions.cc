@@ -188,9 +188,9 @@ std::vector<bool> ActionAnalysis::FindPastActions() const {
 std::vector<AbsoluteAction> ActionAnalysis::Absolute() const {
   constexpr double kSlope = 0.1;
   constexpr double kCorrelation = 0.9;
-  constexpr double kOffset = 0.5;  // fraction of the spread
+  constexpr double kOffset = 0.5;  // largest offset, as a fraction of the spread
   constexpr double kMoves = 0.3;   // share of the changes that the distance to the target explains
-  constexpr double kRepeats = 1e-3;  // fraction of the spread; below, the action repeats the state
+  constexpr double kRepeats = 1e-3;  // fraction of the spread, for an action that repeats the state
   if (count_ < 8.0) return {};
   const Eigen::VectorXd mean_u = actions_ / count_;
   const Eigen::VectorXd mean_x = sum_ / count_;
@@ -277,7 +277,7 @@ bool ActionAnalysis::MovesUnmatchedEntry(const std::vector<AbsoluteAction>& cand
     // The rounding residue of a constant entry is not a change.
     if (yy <= 1e-12 * square) continue;
     // An entry that moves by itself, such as an object on a conveyor, has a mean change. Actions
-    // with a mean would explain it.
+    // with a nonzero mean would explain it.
     const double sum = sum_[n_ + p] - sum_[p];
     const double variance = yy - sum * sum / count_;
     if (variance <= 1e-12 * yy) continue;

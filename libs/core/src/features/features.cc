@@ -26,8 +26,8 @@ std::string KnownBlocks(const StateLayout& layout) {
   return names;
 }
 
-// Returns the length of the name with which a list begins: that of the longest block that fits,
-// because a name may contain brackets and commas.
+// Returns the length of the name at the beginning of a list. It is the longest name of a block that
+// matches, because names may contain brackets and commas.
 std::size_t NameLength(const StateLayout& layout, std::string_view spec) {
   std::size_t longest = 0;
   for (const auto& block : layout.blocks) {

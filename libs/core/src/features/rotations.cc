@@ -46,8 +46,8 @@ constexpr int kFewestEpisodes = 8;
 constexpr double kLeastApart = 0.75;
 constexpr double kSameAngle = 0.97;
 
-// Calls visit(first, whole) for each `size` adjacent entries of a block. `whole` is true if the
-// block has no other entries.
+// Calls visit(first, whole) for each run of `size` adjacent entries of a block. `whole` is true if
+// the block has no other entries.
 template <typename Visit>
 void EachWindow(const StateLayout& layout, int size, const Visit& visit) {
   for (const auto& block : layout.blocks) {

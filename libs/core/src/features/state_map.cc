@@ -31,7 +31,7 @@ double LengthError(std::span<const double> entries) noexcept {
   return std::sqrt(Dot(entries, entries)) - 1.0;
 }
 
-// Returns the factor that turns the quaternion to the hemisphere of the reference and normalises
+// Returns the factor that moves the quaternion into the hemisphere of the reference and normalises
 // it. Lengths that FindInvalid() rejects, and those that differ from 1 by rounding, stay unchanged.
 double Factor(std::span<const double> state, const StateMap::Quaternion& q) noexcept {
   const std::span<const double> entries = Of(state, q);

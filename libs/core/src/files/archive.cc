@@ -16,8 +16,8 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "archives are little-endian");
 
-// File: magic, kind (size + text), version, values (tag + content each), checksum of all preceding
-// bytes.
+// Layout of a file: magic, kind (size + text), version, values (tag + content each), checksum of
+// all preceding bytes.
 constexpr std::string_view kMagic = "dfr\x1a\r\n\x01\n";
 constexpr char kInteger = 'i';
 constexpr char kNumber = 'd';

@@ -22,8 +22,8 @@ std::string Resolve(const std::filesystem::path& from) {
   for (int i = 0; i <= kMostLinks; ++i) {
     std::error_code error;
     if (!std::filesystem::is_symlink(path, error)) return path.string();
-    // A link in /proc leads to an open file of a process (for example, /dev/stdout), whatever file
-    // its text names.
+    // A link in /proc leads to an open file of a process (for example, /dev/stdout), regardless of
+    // the file that its text names.
     if (path.string().starts_with("/proc/")) return path.string();
     const std::filesystem::path next = std::filesystem::read_symlink(path, error);
     if (error) return path.string();

@@ -43,7 +43,7 @@ std::string UnwritableFile(const std::filesystem::path& path, bool makes_folders
     return path.string() + ": there is no folder " + folder.string() +
            "; create it or name another file";
   }
-  // A link may lead in circles, or to a file in a missing folder.
+  // A link may be part of a loop, or point to a file in a missing folder.
   const bool link = std::filesystem::is_symlink(path, error);
   if (!std::filesystem::exists(status) && !link) return Unwritable(path, folder);
   try {

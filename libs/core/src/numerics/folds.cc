@@ -18,7 +18,8 @@ namespace {
 // Number of states that represent a demonstration.
 constexpr int kLandmarks = 5;
 
-// Entry i of a demonstration: the numbers of rows, then states, then controls. NaN sorts last.
+// Returns entry i of a demonstration: the numbers of rows, then states, then controls. NaN sorts
+// last.
 double Entry(std::span<const Matrix* const> parts, std::size_t i) {
   if (i < parts.size()) return static_cast<double>(parts[i]->rows());
   i -= parts.size();
@@ -45,8 +46,8 @@ Real Rounded(double value) {
   return static_cast<Real>(std::clamp(value, -kMost, kMost));
 }
 
-// Index of the first entry that differs after conversion to `Real`; the smaller number of entries
-// if none differs.
+// Returns the index of the first entry that differs after conversion to `Real`; the smaller number
+// of entries if none differs.
 template <typename Real>
 std::size_t FirstDifference(std::span<const Matrix* const> a, std::span<const Matrix* const> b) {
   const std::size_t count = std::min(Entries(a), Entries(b));
@@ -107,7 +108,7 @@ void Check(std::size_t demonstrations, int folds) {
                    folds << " folds need at least as many demonstrations, not " << demonstrations);
 }
 
-// One row per demonstration: its concatenated landmarks.
+// Returns one row per demonstration: its concatenated landmarks.
 Matrix Landmarks(std::span<const Matrix> demonstrations) {
   const Eigen::Index n = demonstrations[0].cols();
   Matrix landmarks(std::ssize(demonstrations), kLandmarks * n);

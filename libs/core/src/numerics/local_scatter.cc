@@ -30,7 +30,8 @@ Matrix Thinned(const Matrix& points) {
   return thinned;
 }
 
-// Mean of (x_i - x_j)(x_i - x_j)' / 2. Neighbours are chosen in the coordinates `map` x.
+// Returns the mean of (x_i - x_j)(x_i - x_j)' / 2. Neighbours are chosen in the coordinates `map`
+// x.
 Matrix Scatter(const Matrix& points, const Matrix& map, const LocalScatterOptions& options) {
   const Eigen::Index count = points.rows();
   const auto neighbours = std::clamp<Eigen::Index>(

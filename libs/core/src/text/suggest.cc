@@ -6,7 +6,8 @@
 namespace dfr::core {
 namespace {
 
-// Optimal string alignment distance: Levenshtein's, with swapped neighbours as one change.
+// Returns the optimal string alignment distance: Levenshtein's, with a swap of neighbours as one
+// change.
 std::size_t Distance(std::string_view a, std::string_view b) {
   std::vector<std::vector<std::size_t>> rows(a.size() + 1, std::vector<std::size_t>(b.size() + 1));
   for (std::size_t i = 0; i <= a.size(); ++i) {

@@ -111,8 +111,8 @@ HWY_INLINE void Transpose(const T* HWY_RESTRICT from, T* HWY_RESTRICT to, std::s
 }
 #endif
 
-// Computes Row() of all points, each from the point's own block on. Copies the earlier entries from
-// the rows above, which have the same bits.
+// Computes Row() of all points, each row from the block of its point on. Copies the earlier entries
+// from the rows above, which have the same bits.
 template <typename T>
 void AllRows(const GaussianTerms<T>& terms, T* HWY_RESTRICT point, T* HWY_RESTRICT rows,
              T* HWY_RESTRICT sums) {

@@ -15,7 +15,7 @@ namespace {
 constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
 
 constexpr std::size_t kMargin = 256;
-constexpr std::size_t kMostViolators = 2048;  // or n / 16, if that is more
+constexpr std::size_t kMostViolators = 2048;  // or n / 16 if that is larger
 // The inner loop ends at the larger of kTarget times the tolerance and kInner times the gap.
 constexpr double kTarget = 0.7;
 constexpr double kInner = 0.05;
@@ -113,7 +113,7 @@ void SparseRows<T>::Make(std::size_t i, std::size_t count, std::size_t keep) {
     }
     return true;
   };
-  // A kept row becomes the youngest.
+  // A kept row becomes the newest.
   const auto step_over = [&] {
     head_ = places_[0].end;
     places_.push_back(places_[0]);
@@ -305,7 +305,7 @@ void SparseProblem<T>::Activate() {
   rows_.Reset(wanted.size());
 }
 
-// SMO on the active samples. Returns false if the caller stopped the fit before G was updated:
+// Runs SMO on the active samples. Returns false if the caller stopped the fit before G was updated:
 // alpha and G keep their previous values.
 template <typename T>
 bool SparseProblem<T>::SolveActive(double rho) {

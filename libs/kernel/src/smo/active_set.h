@@ -23,7 +23,7 @@ class ActiveSet {
 
  private:
   struct Candidate {
-    double slack;  // of the KKT condition: distance of G from rho, negative for violators
+    double slack;  // distance of G from rho in the KKT condition, negative for violators
     std::size_t sample;
   };
   void AddNearest(std::vector<Candidate>& candidates, std::size_t free);

@@ -51,8 +51,8 @@ HWY_INLINE Choice<T> Update(const SmoProblem<T>& p, Numbered<T> numbered, const 
   return {numbered.Index(smallest, least), least, hn::MaxOfLanes(d, largest)};
 }
 
-// Returns 1 / (1 - K), roughly. K rounds to 1 or above for nearly equal points. The bound prevents
-// a division by zero: infinity with a number in its low bits is a NaN.
+// Returns 1 / (1 - K), roughly. K rounds to 1 or above for nearly equal points. The lower bound of
+// 1 - K prevents an infinite result, which a number in its low bits would make a NaN.
 template <typename T>
 HWY_INLINE hn::Vec<Tag<T>> InverseCurvature(hn::Vec<Tag<T>> row) {
   constexpr Tag<T> d;

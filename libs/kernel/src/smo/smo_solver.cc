@@ -31,9 +31,9 @@ constexpr Eigen::Index kManySamples = 4000;
 // SmallProblem stores the whole kernel matrix.
 constexpr Eigen::Index kMostWhole = 2048;
 
-// AddGaussianRows(), distributed over the workers. Each entry sums in the same order for any number
-// of workers. Calls `go_on` several times a second. Stops and returns false if `go_on` returns
-// false.
+// AddGaussianRows(), distributed over the workers. Each entry is summed in the same order for any
+// number of workers. Calls `go_on` several times a second. Stops and returns false if `go_on`
+// returns false.
 template <typename T, class GoOn>
 [[nodiscard]] bool AddRows(const GaussianTerms<T>& terms, std::span<const T> points,
                            std::span<const T> weights, double* totals, core::Workers& workers,
@@ -41,7 +41,7 @@ template <typename T, class GoOn>
   // Number of blocks of a part: enough to justify a thread, few enough to distribute the parts
   // evenly.
   constexpr std::size_t kBlocks = 64;
-  constexpr std::size_t kChunk = 512;  // points of a chunk stay in L2
+  constexpr std::size_t kChunk = 512;  // number of points that stay in L2
   constexpr std::uint64_t kWork = std::uint64_t{1} << 33;
   const auto chunks = static_cast<std::size_t>(
       std::max<std::uint64_t>(1, kWork / (kChunk * (terms.dim + 8) * terms.row_size())));
@@ -158,8 +158,8 @@ class Solver {
                       [this] { return rounds_.Continue(); });
   }
 
-  // SMO on the active samples, with all others fixed. Returns false if the caller stopped the fit
-  // before G was updated: alpha and G keep their previous values.
+  // Runs SMO on the active samples, with all others fixed. Returns false if the caller stopped the
+  // fit before G was updated: alpha and G keep their previous values.
   [[nodiscard]] bool SolveActive(double rho) {
     const GaussianTerms<T> terms = terms_.Subset(active_.samples());
     rows_.Reset(terms);
@@ -393,7 +393,7 @@ std::vector<double> FindStart(const core::Matrix& samples, const Extent& extent,
   part_options.tolerance = std::max(options.tolerance, 1e-3 * options.nu * count / kPart);
   Scratch scratch;
   const DualSolution solution = Solve(part, Extent(part), part_options, scratch, workers, summary);
-  summary.kkt_gap = std::numeric_limits<double>::infinity();  // of all samples, not yet known
+  summary.kkt_gap = std::numeric_limits<double>::infinity();  // not yet known for all samples
   // When interrupted, returns a feasible start made from alpha of the part.
   const auto interrupted = [&] {
     summary.reason = FitSummary::Reason::kInterrupted;

@@ -36,8 +36,8 @@ class WeightedSolver {
   void Run() {
     using Reason = FitSummary::Reason;
     const std::int64_t most = MostIterations(options_, alpha_.size());
-    // Each step adds rounding errors to the gradient. If a recomputed gradient does not confirm the
-    // end, the next round starts from it.
+    // Each step adds rounding errors to the gradient. If a recomputed gradient does not confirm
+    // convergence, the next round starts from it.
     constexpr int kRounds = 3;
     for (int round = 0; round < kRounds; ++round) {
       if (!ComputeGradient()) return Finish(Reason::kInterrupted);
@@ -173,8 +173,8 @@ class WeightedSolver {
   std::vector<double> gradient_;
   std::vector<double> fresh_;
   std::size_t most_rows_;
-  std::size_t rows_ = most_rows_;  // since the last report; the first row reports
-  bool known_ = false;             // whether gradient_ is that of alpha_
+  std::size_t rows_ = most_rows_;  // rows since the last report; initially, a report is due
+  bool known_ = false;             // true if gradient_ belongs to alpha_
 };
 
 }  // namespace

@@ -299,7 +299,7 @@ OneClassSvm internal::FitSharing(const core::Matrix& samples, const OneClassSvmO
                 support_vectors.data() + k * samples.cols());
     alpha[k] = dual.alpha[i];
   }
-  // nu m up to the rounding of the solver's steps.
+  // Equals nu m up to the rounding of the solver's steps.
   const double scale = alpha.sum();
   alpha /= scale;
   const GaussianTerms<double> terms(support_vectors, core::AsSpan(alpha), options.gamma);

@@ -294,7 +294,7 @@ double LogVolumeRatio(const WhitenedSupport& wide, double wide_level, const Whit
       for (double& entry : y) entry += kSpread * random.Normal();
       const bool in_wide = wide.estimate(t).LogDecision(core::AsSpan(y)) >= wide_level;
       const bool in_narrow = narrow.estimate(t).LogDecision(core::AsSpan(y)) >= narrow_level;
-      if (!in_wide && !in_narrow) continue;  // most points
+      if (!in_wide && !in_narrow) continue;  // true for most points
       double density = 0.0;
       for (const Eigen::VectorXd& state : states) {
         density += std::exp(-(y - state).squaredNorm() / (2.0 * kSpread * kSpread));

@@ -55,7 +55,7 @@ std::vector<core::Trajectory> Scores(const StateReduction& all,
   return scores;
 }
 
-// Components among which the fit chooses: either the first, or directions that actions depend on.
+// Components among which the fit chooses: the first ones, or directions that actions depend on.
 struct Pool {
   StateReduction reduction;
   bool by_actions = false;

@@ -37,7 +37,7 @@ int NumFolds(std::size_t demonstrations, int most) {
   return std::min(most, std::max(2, static_cast<int>(demonstrations / 2)));
 }
 
-// Callback of fits of supports that remembers a stop: later fits must not begin.
+// Callback for fits of supports. Remembers a stop, because later fits must not begin.
 class Stoppable {
  public:
   explicit Stoppable(const kernel::WhitenedSupportOptions& options)

@@ -24,7 +24,7 @@ enum class HaltCause {
   kControlInvalid,  ///< A control has a non-finite entry or the wrong size.
   kSupportInvalid,  ///< At a finite state, g is not finite, or the response cannot be estimated.
   kOutsideSupport,  ///< g <= 0: no control is small enough to be safe.
-  kEarlyStopping,   ///< 0 < g <= lambda |u|, and the strategy stops there.
+  kEarlyStopping,   ///< 0 < g <= lambda |u|, and the strategy does not recover.
   kIterationLimit,  ///< The controller reached its limit of recovery iterations or of controls.
   kNoDirection,     ///< A recovery found no direction of ascent.
   kNoProgress,      ///< Controls make no progress, or lead away from demonstrations.

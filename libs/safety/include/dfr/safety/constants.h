@@ -74,7 +74,8 @@ inline constexpr double kLeastExplainedReduced = 0.8;
 /// Thresholds of warnings: number of demonstrations, share of left-out states inside, shares of the
 /// demonstrator's actions that are changed or end outside, level of the alarm, largest and smallest
 /// action limit relative to the largest demonstrated value, and chance of a drift of at least
-/// kLeastDrift. kLeastReach is below 1, because drivers often clip the largest actions slightly.
+/// kLeastDrift. kLeastReach is below 1, because drivers of robots often clip the largest actions
+/// slightly.
 inline constexpr int kFewestDemonstrations = 10;
 inline constexpr double kLeastAcceptance = 0.7;
 inline constexpr double kMostChanged = 0.3;

@@ -120,7 +120,8 @@ struct GuardOptions {
   /// allows it.
   kernel::WhitenedSupportOptions support = {};
   Strategy strategy = Strategy::kGuard;
-  /// In [0, kLongestHorizon]. 0: twice the number of actions of the longest demonstration.
+  /// GuardSettings::horizon, in [0, kLongestHorizon]. 0: twice the number of actions of the longest
+  /// demonstration.
   int horizon = 0;
   static constexpr int kLongestHorizon = (1 << 30) / fit::kActionsPerStep;
   /// GuardSettings::action_limit. Empty: 1.5 times the largest demonstrated value of each entry,

@@ -47,7 +47,7 @@ class ResponseEstimate {
   /// Computes `fit`, which MakeFit() of this object must have created, for time step `t` at `z`.
   /// For a non-finite `z` the result is not finite.
   void FitAt(int t, std::span<const double> z, LocalFit& fit) const noexcept;
-  /// Same as above. Allocates.
+  /// Overload that returns a new fit. Allocates.
   [[nodiscard]] LocalFit FitAt(int t, std::span<const double> z) const;
 
   /// Removes the effect of all applied controls.
@@ -57,7 +57,7 @@ class ResponseEstimate {
   /// is subtracted from `dz`, and A_on and E_on are then centred on the z of `fit`.
   void Update(const LocalFit& fit, std::span<const double> z, std::span<const double> v,
               std::span<const double> dz, double duration, double weight) noexcept;
-  /// Same as above at the z of `fit`, with weight 1 and the duration of `v`.
+  /// Overload for the z of `fit`, with weight 1 and the duration of `v`.
   void Update(const LocalFit& fit, std::span<const double> v, std::span<const double> dz) noexcept {
     Update(fit, fit.z(), v, dz, fit.Duration(core::AsVector(v)), 1.0);
   }

@@ -37,8 +37,8 @@ class AtomicFile {
   [[noreturn]] void Fail(const char* what, int error);
   void Discard() noexcept;
 
-  std::string name_;       // the caller's name for the file, used in messages
-  std::string target_;     // after resolving symbolic links
+  std::string name_;       // name of the file in messages, as given by the caller
+  std::string target_;     // path after resolving symbolic links
   std::string temporary_;  // empty if target_ is written in place
   int descriptor_ = -1;
 };
