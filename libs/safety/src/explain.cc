@@ -194,7 +194,7 @@ const char* CauseOf(HaltCause cause) {
     case HaltCause::kTimeUp:
       return "the episode is longer than the horizon";
     case HaltCause::kIterationLimit:
-      return "the episode has used up max_actions";
+      return "the episode has reached max_actions";
     case HaltCause::kStepSkipped:
       return "t was not the next one: a call was lost or doubled";
     case HaltCause::kStopRequested:

@@ -105,7 +105,7 @@ TEST_F(ArchiveTest, ErrorsNameFileAndReason) {
               testing::AllOf(HasSubstr("absent.dfr"), HasSubstr("No such file")));
   Sample().Save(File());
   EXPECT_THAT(Error([&] { ArchiveReader(File(), "policy", 2); }),
-              HasSubstr("is a sample file, where a policy file is needed"));
+              HasSubstr("is a sample file, but a policy file is needed"));
   for (const int other : {1, 3}) {
     EXPECT_THAT(Error([&] { ArchiveReader(File(), "sample", other); }),
                 HasSubstr("is a sample file of version 2; this program reads version " +

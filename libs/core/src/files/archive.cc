@@ -137,7 +137,7 @@ ArchiveReader::ArchiveReader(const std::filesystem::path& path, std::string_view
   position_ = kMagic.size();
   const std::string_view found_kind = Take(Size(1));
   if (found_kind != kind) {
-    Fail("is a " + Shown(found_kind) + " file, where a " + std::string(kind) + " file is needed");
+    Fail("is a " + Shown(found_kind) + " file, but a " + std::string(kind) + " file is needed");
   }
   const auto found_version = Decode<std::int64_t>(Take(sizeof(std::int64_t)));
   if (found_version != version) {

@@ -15,7 +15,7 @@ std::string Unwritable(const std::filesystem::path& path, std::filesystem::path 
     folder = folder.has_parent_path() ? folder.parent_path() : ".";
   }
   if (!std::filesystem::is_directory(folder, error)) {
-    return path.string() + ": " + folder.string() + " is not a folder; name another";
+    return path.string() + ": " + folder.string() + " is not a folder; name another folder";
   }
   try {
     const AtomicFile probe(folder / ".dfr-probe");

@@ -4,7 +4,7 @@
 
 namespace dfr::kernel {
 
-/// Returns a radius c such that the balls of radius c around the support vectors cover {x : l(x) >=
+/// Returns a radius c for which the balls of radius c around the support vectors cover {x : l(x) >=
 /// -level}. Every state farther than c from all samples is outside this set.
 ///
 /// Because the weights sum to 1, c = sqrt((level - log rho) / gamma) is valid. The distances

@@ -35,8 +35,8 @@ struct TimeVaryingSupportOptions {
 /// safe.
 class TimeVaryingSupport final : public core::LogDecisionFunction {
  public:
-  /// Fits to one matrix of states per demonstration, (T_i + 1) x n, rows in order of time. If
-  /// given, `summaries` receives one entry per estimate.
+  /// Fits to one matrix of states per demonstration, (T_i + 1) x n, rows in time order. If given,
+  /// `summaries` receives one entry per estimate.
   /// @throws std::invalid_argument if there are fewer than two demonstrations (pooled: two states),
   ///   one is empty, their widths differ, an entry is not finite, or an option is out of range. The
   ///   message names the demonstration and row.

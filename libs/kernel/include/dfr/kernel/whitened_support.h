@@ -62,9 +62,8 @@ class WhitenedSupport final : public core::LogDecisionFunction {
   /// Maximum number of features: queries are mapped into a buffer on the stack.
   static constexpr int kMaxFeatures = 256;
 
-  /// Fits to one matrix of features per demonstration, rows in order of time. If svm.progress,
-  /// which is called at least once per time step, returns false, the support ends with that time
-  /// step.
+  /// Fits to one matrix of features per demonstration, rows in time order. If svm.progress, which
+  /// is called at least once per time step, returns false, the support ends with that time step.
   /// @throws std::invalid_argument if there are fewer than two demonstrations, widths differ, an
   ///   entry is not finite or an option is out of range.
   static WhitenedSupport Fit(std::span<const core::Matrix> demonstrations,
@@ -76,7 +75,7 @@ class WhitenedSupport final : public core::LogDecisionFunction {
     OneClassSvm svm;
   };
   /// Combines the estimates that Fit() computes, g_0 first.
-  /// @throws std::invalid_argument naming the estimate whose sizes do not fit or whose map is not
+  /// @throws std::invalid_argument naming the estimate whose sizes do not match or whose map is not
   ///   finite and symmetric.
   explicit WhitenedSupport(std::vector<Estimate> estimates);
 

@@ -24,7 +24,7 @@ struct SlowFeatures {
 ///
 /// The fit adds 1e-6 of the entries' mean variance to the diagonal of D, which bounds directions
 /// without differences. It drops directions in which rows do not vary.
-/// @param episodes  rows in order of time, d columns each.
+/// @param episodes  rows in time order, d columns each.
 /// @throws std::invalid_argument if widths differ, there is no difference, an entry is not finite,
 ///   or all rows are equal.
 [[nodiscard]] SlowFeatures FitSlowFeatures(std::span<const core::Matrix> episodes);

@@ -267,8 +267,8 @@ class GuardModel {
     return sensor_groups_;
   }
 
-  /// Returns l of each state of an episode (rows in order of time) at the nearby time step that
-  /// fits it best, as for an alarm. `steps`, if given, receives these time steps.
+  /// Returns l of each state of an episode (rows in time order) at the nearby time step that fits
+  /// it best, as for an alarm. `steps`, if given, receives these time steps.
   /// @throws std::invalid_argument if states are not state_dim() wide.
   [[nodiscard]] std::vector<double> Levels(const core::Matrix& states,
                                            std::vector<int>* steps = nullptr) const;

@@ -37,8 +37,8 @@ class StateObserver {
   /// Returns the delay of effects, as a number of controls in [0, kMaxLag].
   [[nodiscard]] int lag() const noexcept { return lag_; }
   /// Replaces the observed features `z` by the features after all pending controls: a weighted mean
-  /// of observed and expected features, plus the effects of these controls by `fit`. Call it once
-  /// at the start and after each Update().
+  /// of observed and expected features, plus the effects of these controls according to `fit`. Call
+  /// it once at the start and after each Update().
   void Observe(const LocalFit& fit, Eigen::Ref<Eigen::VectorXd> z) noexcept;
 
  private:

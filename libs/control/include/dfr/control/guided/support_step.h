@@ -60,7 +60,8 @@ struct StepLimits {
   void Snap(Eigen::VectorXd& v) const noexcept;
 };
 
-/// Returns limits of v = u / `unit` from limits of u: one limit for all `dim` entries, or one each.
+/// Returns limits of v = u / `unit` from limits of u: one limit for all `dim` entries, or one per
+/// entry.
 /// @throws std::invalid_argument for another number of limits.
 [[nodiscard]] StepLimits ScaledLimits(std::span<const double> limits, int dim, double unit,
                                       int iterations);
@@ -83,8 +84,8 @@ double AscendSupport(const LocalModel& model, const StepTarget& target, const St
 
 /// A probe of one direction of control.
 struct Probe {
-  double size = 0.0;        ///< Length before StepLimits::Limit(); 0: there is no probe.
-  int phase = 0;            ///< The sign with the higher predicted level in this phase is taken.
+  double size = 0.0;  ///< Length before StepLimits::Limit(); 0: there is no probe.
+  int phase = 0;      ///< The probe has the sign with the higher predicted level in this phase.
   bool keeps_sign = false;  ///< Takes the sign of LocalFit::LeastExcitedDirection() instead.
 };
 

@@ -130,8 +130,8 @@ class TransitionStore {
   Eigen::MatrixXf contexts_;  ///< One row per transition.
   double mean_square_change_ = 0.0;
   int largest_ = 0;  ///< Maximum number of transitions in Near().
-  /// [z, 1, v, dz] of each transition in order of time, padded with zeros. In float, because sums
-  /// over transitions take most of the time.
+  /// [z, 1, v, dz] of each transition in time order, padded with zeros. In float, because sums over
+  /// transitions take most of the time.
   Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> transitions_;
   Eigen::MatrixXf points_;  ///< The z of transitions_, by columns; then rows of zeros.
   Eigen::VectorXd lowest_;  ///< Corners of the enlarged box.

@@ -112,8 +112,8 @@ class RotationFinder {
 [[nodiscard]] std::vector<Rotation> FindRotations(const StateLayout& layout,
                                                   std::span<const Trajectory> demonstrations);
 
-/// Removes the jumps of angles and quaternions between consecutive rows of one episode, in order of
-/// time: an angle counts its revolutions, and a quaternion keeps its sign. Rows before the first
+/// Removes the jumps of angles and quaternions between consecutive rows of one episode, in time
+/// order: an angle counts its revolutions, and a quaternion keeps its sign. Rows before the first
 /// jump stay unchanged.
 void RemoveJumps(std::span<const Rotation> rotations, Matrix& states);
 

@@ -12,9 +12,9 @@ namespace dfr::core {
 ///
 /// Existing targets: a symbolic link remains a link, and the file it points to is replaced. A
 /// device, a pipe or a file that a process has open (/dev/stdout) is written in place. The new file
-/// keeps the old file's mode and, if the system permits, its owner and group. A new file gets mode
-/// 0666 without the bits of the umask. A file without write permission is not replaced. Other hard
-/// links to the file keep the old content.
+/// keeps the old file's mode and, if the system permits, its owner and group. Without an old file,
+/// the mode is 0666 without the bits of the umask. A file without write permission is not replaced.
+/// Other hard links to the file keep the old content.
 ///
 /// All functions throw std::runtime_error naming the file and the system's message.
 class AtomicFile {

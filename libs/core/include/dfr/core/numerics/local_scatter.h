@@ -25,7 +25,7 @@ struct LocalScatterOptions {
 /// the same group, divided by the same statistic of as many standard normal points. Normally
 /// distributed points therefore nearly keep their covariance. If each of two clusters has half of
 /// the points, the result is up to three times their actual width. The standard deviation of each
-/// entry is at least a twentieth of its value by PooledCovariance().
+/// entry is at least a twentieth of its value in PooledCovariance().
 ///
 /// @param groups  similar points, one per row, for example those of one time step. Groups with
 /// fewer than 4 points are ignored. At most 128 points of a group are used.

@@ -309,7 +309,7 @@ std::string SharedOutput(App& command, const Option& asked, const std::string& o
   for (auto* option : command.get_options()) {
     if (!keeps || option == &asked || !IsOutput(*option) || option->count() == 0) continue;
     if (place(option->results().front()) == place(output)) {
-      return output + ": is also the output of " + option->get_name() + "; name another";
+      return output + ": is also the output of " + option->get_name() + "; name another path";
     }
   }
   return "";
