@@ -27,8 +27,8 @@ namespace dfr::kernel {
                                         double confidence = 0.0);
 
 /// Returns max over t of -l_t(x_t), with l_t the log form of g_t: the largest distance of a
-/// demonstration from the support. Negative if all its states are inside. ConformalThreshold()
-/// takes these scores.
+/// demonstration from the support. The score is negative if all its states are inside.
+/// ConformalThreshold() takes these scores.
 [[nodiscard]] double ExcursionScore(const TimeVaryingSupport& support, const core::Matrix& states);
 
 /// Options for SelectModel().

@@ -22,8 +22,8 @@ class Reduction {
   static constexpr int kMaxInputs = 1 << 20;
   static constexpr int kMaxComponents = 256;
 
-  /// @param mean        d.
-  /// @param scale       d, each >= 0.
+  /// @param mean        d entries.
+  /// @param scale       d entries, each >= 0.
   /// @param projection  P, k x d.
   /// @throws std::invalid_argument if sizes do not match or exceed the maxima, a scale is negative,
   ///   or an entry is not finite.

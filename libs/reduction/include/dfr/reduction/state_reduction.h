@@ -48,7 +48,8 @@ class StateReduction {
     /// Returns the result of Apply(): reduced_dim() entries.
     [[nodiscard]] std::span<const double> state() const noexcept { return state_; }
     /// Returns the largest Novelty of the pictures of the last Apply(): above 1, a picture
-    /// resembles no demonstration. 0 if no picture has a Novelty, or if Apply() rejected the state.
+    /// resembles no demonstration. Returns 0 if no picture has a Novelty, or if Apply() rejected
+    /// the state.
     [[nodiscard]] double novelty() const noexcept { return novelty_; }
 
    private:

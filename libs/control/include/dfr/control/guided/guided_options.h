@@ -27,8 +27,8 @@ struct GuidedOptions {
   int iterations = 6;
   /// If no control is predicted to end inside, the best one passes if it ends outside by at most
   /// this multiple of Levels::slack() and at most guided::kMaxExitLevel. An offset that no control
-  /// can correct, such as an object to the side, then does not stop the task. With larger values,
-  /// more episodes complete and more collide.
+  /// can correct, such as a displaced object, then does not stop the task. With larger values, more
+  /// episodes complete and more collide.
   double max_exit_ratio = 2.0;
   /// HaltRule::patience. Larger values add few completed episodes and more collisions.
   int patience = 12;
@@ -37,9 +37,9 @@ struct GuidedOptions {
   /// only at the boundary. False: Levels::gate(), deep inside; below it, the nominal control of
   /// nearby demonstrations comes first, and the policy has little influence.
   bool least_intervention = false;
-  /// Norm of a probe, >= 0. Its effect must exceed the noise of observations and the disturbance
-  /// during a control, but must be harmless in a wrong direction. 0: directions without
-  /// demonstrated controls stay unknown.
+  /// Norm of a probe, >= 0. Its effect must exceed the observation noise and the disturbance during
+  /// a control, but must be harmless in a wrong direction. 0: directions without demonstrated
+  /// controls stay unknown.
   double probe_size = 0.35;
   /// For ablations. Weight of an applied control as a measurement of J, relative to demonstrations
   /// (ResponseOptions), >= 0. 0: J comes from demonstrations alone.

@@ -50,9 +50,10 @@ struct Rotation {
 /// quaternion if its length is 1 within 0.015, which allows for rounding to two decimal places, or
 /// within StateMap::kMostLengthError if it changes sign between states or episodes. Four entries of
 /// a larger block are a quaternion only if they change sign together, between states or between
-/// episodes, or if all of them vary and the length is 1 within 0.002. A running angle without a
-/// jump cannot be distinguished from a length. It is found if at least 8 episodes begin a whole
-/// number of periods apart. Memory grows with the number of states only for quaternions.
+/// episodes, or if all of them vary and the length is 1 within 0.002. Within an episode, a running
+/// angle without a jump cannot be distinguished from a length. It is found if at least 8 episodes
+/// begin a whole number of periods apart. Memory grows with the number of states only for
+/// quaternions.
 class RotationFinder {
  public:
   explicit RotationFinder(const StateLayout& layout);

@@ -12,7 +12,7 @@ namespace dfr::core {
 void CheckPlainFile(const std::filesystem::path& path);
 
 /// Appends the rest of `in`, a stream of the file `path`, to `bytes`. A disk failure in the middle
-/// of the file is an error: the result never holds a part of the file only.
+/// of the file is an error: the result never holds only a part of the file.
 /// @throws std::runtime_error naming `path` if `in` cannot be read or does not fit into memory.
 void AppendRest(std::istream& in, const std::filesystem::path& path, std::string& bytes);
 

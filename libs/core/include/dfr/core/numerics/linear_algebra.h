@@ -6,7 +6,7 @@ namespace dfr::core {
 
 // Products and decompositions of dense matrices by Eigen, compiled once, because each instantiation
 // takes the compiler up to several seconds. All functions allocate. Matrices may have any size,
-// including 0 x 0 unless documented otherwise. Thread-safe.
+// including 0 x 0, unless documented otherwise. Thread-safe.
 
 /// Returns the product a b. Copies a row-major matrix or an expression first.
 [[nodiscard]] Eigen::MatrixXd Multiply(const Eigen::Ref<const Eigen::MatrixXd>& a,
