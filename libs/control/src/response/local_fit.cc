@@ -181,7 +181,7 @@ double LocalFit::LeastExcitedDirection(std::span<double> direction, double known
     }
   }
   if (const double bound = inverse_.diagonal().tail(m).sum(); bound <= known) return bound;
-  // Power iteration.
+  // Finds the eigenvector by power iteration.
   auto v = core::AsVector(direction);
   v.setConstant(1.0 / std::sqrt(static_cast<double>(m)));
   // The constant vector may be orthogonal to the result by symmetry.

@@ -134,7 +134,7 @@ Eigen::VectorXd ActionAnalysis::ExplainedBy(Eigen::Index k, Eigen::Index lag,
 }
 
 std::vector<bool> ActionAnalysis::FindPastActions() const {
-  constexpr double kRounding = 1e-6;  // fraction of the largest action, as in single precision
+  constexpr double kRounding = 1e-6;  // single precision, as a fraction of the largest action
   constexpr double kRowsPerEntry = 10.0;
   constexpr double kExplained = 0.5;
   constexpr double kLeaves = 0.5;  // fraction of the variance that differences leave unexplained

@@ -141,7 +141,7 @@ std::vector<int> MovedByPassed(const core::FeatureSelection& features, const Act
   for (const auto& d : demonstrations) transitions += static_cast<std::size_t>(d.controls.rows());
   const std::size_t stride = std::max<std::size_t>(1, transitions / kSamples);
   const auto rows = static_cast<Eigen::Index>((transitions + stride - 1) / stride);
-  // Columns: 1, the entry, steered entries of the action, unsteered entries.
+  // The columns are 1, the entry, the steered entries of the action, and the unsteered entries.
   Eigen::MatrixXd x = Eigen::MatrixXd::Ones(rows, 2 + actions.dim());
   std::vector<Eigen::VectorXd> before(features.indices().size(), Eigen::VectorXd(rows));
   std::vector<Eigen::VectorXd> change(before);

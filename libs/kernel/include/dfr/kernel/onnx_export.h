@@ -10,8 +10,8 @@
 
 namespace dfr::kernel {
 
-// g as an ONNX file, in double, within 1e-12 of Decision(). A state with a NaN gives NaN instead of
-// -infinity; every comparison with NaN is false.
+// Export of g to an ONNX file, in double, within 1e-12 of Decision(). A state with a NaN gives NaN
+// instead of -infinity. Every comparison with NaN is false.
 
 /// Writes a graph with input `x` (rows x state_dim) and output `g` (rows).
 /// @throws std::runtime_error naming the file and the system's message.

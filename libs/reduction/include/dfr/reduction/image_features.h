@@ -72,7 +72,7 @@ class ImageFeatures {
   /// Number of features: out_height x out_width x channels, in this order.
   [[nodiscard]] int size() const noexcept { return static_cast<int>(rows_.size()) * row_floats_; }
 
-  /// Forgets the previous picture. Call this at the start of an episode.
+  /// Discards the previous picture. Call this at the start of an episode.
   void Reset() noexcept { identical_ = 0; }
 
   /// Writes the features of `picture` to `features` (size()).
