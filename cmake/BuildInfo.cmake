@@ -1,5 +1,5 @@
-# Runs at every build. Writes OUTPUT with the commit of SOURCE if this commit has changed. Otherwise OUTPUT
-# stays unchanged and nothing is rebuilt. In an unpacked archive, commit.txt names the commit.
+# Runs at every build. Writes the commit of SOURCE to OUTPUT if the commit has changed. Otherwise OUTPUT stays
+# unchanged and nothing is rebuilt. In an unpacked archive, commit.txt contains the commit.
 set(commit unknown)
 file(STRINGS ${SOURCE}/cmake/commit.txt archived LIMIT_COUNT 1)
 execute_process(COMMAND git -C ${SOURCE} rev-parse --short=12 HEAD
@@ -11,8 +11,8 @@ elseif(NOT failed)
   execute_process(COMMAND git -C ${SOURCE} status --porcelain --untracked-files=no
     OUTPUT_VARIABLE changes ERROR_QUIET)
   if(changes)
-    # Different edits need different names: a ledger resumes only under its own. An untracked file takes part
-    # in a build only if a tracked file names it.
+    # Different edits need different names, because a run resumes only a ledger of the same commit name. The
+    # build uses an untracked file only if a tracked file names it.
     execute_process(COMMAND git -C ${SOURCE} diff HEAD --binary --no-ext-diff --no-textconv --no-color
       OUTPUT_VARIABLE diff ERROR_QUIET)
     execute_process(COMMAND git -C ${SOURCE} ls-files --others --exclude-standard -- *.h *.cc *.css *.cmake

@@ -1,4 +1,4 @@
-# cpack runs this before it makes the packages. It copies /usr/share/doc/<package>/copyright of each
+# cpack runs this script before it makes the packages. The script copies /usr/share/doc/<package>/copyright of each
 # Debian package that a component is built with into the component's package.
 foreach(component IN LISTS CPACK_COMPONENTS_ALL)
   string(TOUPPER ${component} id)

@@ -1,4 +1,4 @@
-# Reads components.txt and adds the folders of the chosen components with all that they need.
+# Reads components.txt and adds the folders of the chosen components and of all components that they need.
 
 # Sets <prefix>_names, and per component <prefix>_<name>_{folder,needs,packages,build_packages}. Using
 # a component requires its packages. Building it also requires its build_packages.

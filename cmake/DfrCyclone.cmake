@@ -1,5 +1,5 @@
 # Makes dfr_cyclone_types, a C library with the ROS 2 types of dfr::dds for Cyclone DDS. Tests and benchmarks
-# use it as an independent implementation of DDS. It is a macro because a function must not enable a language.
+# use it as an independent implementation of DDS. A macro, because a function must not enable a language.
 macro(dfr_cyclone_types)
   find_package(CycloneDDS REQUIRED)
   if(NOT TARGET dfr_cyclone_types)

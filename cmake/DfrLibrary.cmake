@@ -11,7 +11,7 @@ if(NOT CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
   # CMake gives a precompiled header one name for C and C++. A folder with C may have another compiler for C.
   set(DFR_PRECOMPILE OFF)
 elseif(DFR_PRECOMPILE)
-  # GCC collects garbage only from a heap of 1 GiB on. A large unit then compiles in a seventh less time.
+  # GCC collects garbage only above a heap of 1 GiB. A large unit then compiles in a seventh less time.
   add_compile_options(--param=ggc-min-heapsize=1048576 --param=ggc-min-expand=300)
   # gold links the test programs in a third of the time of bfd. Both come with binutils.
   find_program(DFR_GOLD ld.gold)

@@ -1,4 +1,4 @@
-# Finds MuJoCo for the folders of sim/, each of which may be the first to look for it.
+# Finds MuJoCo for the folders of sim/. Any of these folders may be configured first.
 macro(dfr_find_mujoco)
   dfr_find_package(mujoco 2.2)
   if(mujoco_VERSION VERSION_GREATER_EQUAL 2.3)

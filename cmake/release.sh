@@ -35,7 +35,7 @@ runpy.run_path("setup.py", run_name="__main__")'
   rm -rf "$tools"
 }
 
-# Builds all files in the unpacked tarball, with the commit's time, so two runs on one commit give the same files.
+# Builds all files in the unpacked tarball, with the commit's time. Two runs on one commit give the same files.
 cmd_release() {
   local tag commit version name out=$PWD/build/release-artefacts work=$PWD/build/release-work python part
   tag=${1:-$(git describe --exact-match HEAD 2>/dev/null || true)}

@@ -1,6 +1,6 @@
-# Filters Markdown for Doxygen 1.9, which does not know GitHub's conventions. Headings get GitHub's
+# Converts Markdown for Doxygen 1.9, which does not support GitHub's conventions. Headings get GitHub's
 # anchors. Links to sources become references, and links to other files outside the manual become
-# text. Mathematics, $`...`$ and fences of math, becomes Doxygen's formulas.
+# text. Mathematics, in $`...`$ and in math fences, becomes Doxygen's formulas.
 function base(path) { sub(/.*\//, "", path); sub(/\.md$/, "", path); return path }
 function slug(text) {
   text = tolower(text)
@@ -18,7 +18,7 @@ function target(link,   parts) {
   if (link ~ /^(\.\.\/)?libs$/) return "annotated.html"
   return ""
 }
-# Escapes @ outside of backticks, where Doxygen takes a name such as @mcap/core for a command.
+# Escapes @ outside backticks, where Doxygen interprets a name such as @mcap/core as a command.
 function unquoted(line,   parts, count, i, out) {
   count = split(line, parts, "`")
   for (i = 1; i <= count; ++i) {
@@ -27,7 +27,7 @@ function unquoted(line,   parts, count, i, out) {
   }
   return out
 }
-# Code in bold, which Doxygen does not read: **`name` and text**.
+# Converts bold text that contains code, which Doxygen does not support: **`name` and text**.
 function bold(line,   found, out) {
   out = ""
   while (match(line, /\*\*(`[^`]*`|[^*`])+\*\*/)) {
@@ -38,7 +38,7 @@ function bold(line,   found, out) {
   }
   return out line
 }
-# Formulas wait in `formulas` until the rest of the line is written.
+# Moves the formulas of a line into `formulas`, and leaves numbered marks until the rest is converted.
 function hidden(line,   out) {
   out = ""
   count = 0

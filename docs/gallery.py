@@ -22,9 +22,9 @@ a { color: var(--s2); }
 .tasks .label, .tasks .tick, .tasks .grid, .tasks .axis, .tasks .mark { display: none; } .tasks .panel { font-size: 30px; }
 .tasks .line { stroke-width: 3; }
 """
-INTRODUCTION = """<p>Every task of <code>study</code>. Its pictures show, by the first two entries of the state, five
-demonstrations, five episodes of a weak policy alone, and five from the same start states with strategy
-<code>guard</code>. A guard is fitted to demonstrations alone. <code>study picture TASK</code> draws the
+INTRODUCTION = """<p>Every task of <code>study</code>. Its pictures show the first two entries of the state in five
+demonstrations, in five episodes of a weak policy alone, and in five episodes from the same start states with
+strategy <code>guard</code>. A guard is fitted to demonstrations only. <code>study picture TASK</code> draws the
 same paths, with axes.</p>
 <p>The figures are those of the <a href="md_docs_recorded_README.html">recorded run</a>: per cent of the episodes around five
 policies together, alone and with strategy <code>controller</code>.</p>
@@ -32,12 +32,12 @@ policies together, alone and with strategy <code>controller</code>.</p>
 
 
 def tasks(listed):
-    """Name, summary and conditions of each task that `study list` prints."""
+    """Return the name, summary and conditions of each task that `study list` prints."""
     return re.findall(r"^  (\S+) +(\S.*)\n   +(\S.*)$", listed, re.M)
 
 
 def figures(recorded):
-    """For each task and method the shares of completed and failed episodes, over all policies."""
+    """Return the shares of completed and failed episodes over all policies, for each task and method."""
     sums = {}
     for row in csv.DictReader(recorded):
         counts = sums.setdefault((row["task"], row["method"]), [0, 0, 0])
@@ -47,7 +47,7 @@ def figures(recorded):
 
 
 def picture(study, task):
-    """The page that `study picture` writes."""
+    """Return the page that `study picture` writes."""
     with tempfile.TemporaryDirectory() as folder:
         page = pathlib.Path(folder, "page.html")
         subprocess.run([study, "picture", task, "--policy", POLICY, "--methods", METHOD, "--out", page],

@@ -12,7 +12,7 @@ tree_with() {
   return 1
 }
 
-# without PAGE REASON: writes a page that gives the reason for which the manual lacks it.
+# without PAGE REASON: writes a page with the reason why the manual does not contain it.
 without() {
   say "The manual is without ${1##*/}: $2"
   printf '<!DOCTYPE html>\n<meta charset="utf-8">\n<title>dfr</title>\n<p>This manual is without this page: %s.</p>\n' \
@@ -22,7 +22,7 @@ without() {
 cmd_docs() {
   need docs
   mkdir -p build/docs/html/mathjax/jax/output/SVG/fonts
-  # The parts of MathJax that draw TeX as SVG: formulas need no network.
+  # Copies the parts of MathJax that draw TeX as SVG. Formulas then need no network.
   local mathjax=/usr/share/javascript/mathjax target=build/docs/html/mathjax
   cp -rL $mathjax/MathJax.js $mathjax/extensions $target
   cp -rL $mathjax/jax/{element,input} $target/jax

@@ -1,4 +1,4 @@
-"""Checks the pages of docs: links have targets, and the commands of the first guard have the described effect.
+"""Checks the pages of docs: link targets, glossary, tables of components, and the commands of the first guard.
 
 usage: docs_test.py SOURCE_DIR GUARD     (with the module dfr on PYTHONPATH)
 """
@@ -69,7 +69,7 @@ class Folders(unittest.TestCase):
 
 
 def words(label):
-    """Return the words of a column's head or a printed label: "Passed, %" and "alarms in fail. %" lose unit and case."""
+    """Return a column heading or printed label in lower case and without its unit: "passed" for "Passed, %"."""
     return re.sub(r"( %|, (%|steps)| \[.*\]| \+- .*|:)$", "", label.strip()).lower()
 
 
@@ -78,7 +78,7 @@ def text(source):
     return re.sub(r'"\s*\n\s*"', "", (SOURCE / source).read_text())
 
 
-# Source, a pattern for lists of labels in it, a pattern for the labels in a list, the minimum number of labels.
+# Rows: source file, pattern of its lists of labels, pattern of a label in a list, minimum number of labels.
 STRINGS = r'"([^"]+)"'
 LABELS = (
     ("apps/guard/fit.cc", r'Print\(\s*("[a-z_][^\n]*?  )', r'"([\w ]+?)  ', 12),
@@ -111,7 +111,7 @@ class Glossary(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         cls.page = (SOURCE / "docs/glossary.md").read_text()
-        # The words of the first column, apart from units and emphasis.
+        # The words of the first column, without units and emphasis.
         cells = re.findall(r"^\| (.*?) \|", cls.page.replace("\\|", "!"), re.M)
         cls.terms = {words(term) for cell in cells for term in re.split("[,;] ", cell.replace("`", ""))}
         cls.code = set(re.findall(r"`([a-z-]+)`", cls.page))

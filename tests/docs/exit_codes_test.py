@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Programs exit with 0 after --help, and with 2 and one line after a usage error.
+"""Tests that programs exit with 0 after --help, and with 2 and one line after a usage error.
 
 usage: exit_codes_test.py SERVER PROGRAM ...       SERVER: the library of main_server.cc
 """
@@ -22,7 +22,7 @@ PROGRAMS = [pathlib.Path(name) for name in sys.argv[2:]]
 
 
 class Server:
-    """A program that is loaded once, whose main() runs in a new process for each call."""
+    """A process that has loaded a program and runs its main() in a new process for each call."""
 
     def __init__(self, program):
         self.process = subprocess.Popen([program], env={**os.environ, "LD_PRELOAD": str(SERVER)}, stdin=subprocess.PIPE,

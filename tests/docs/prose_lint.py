@@ -16,7 +16,7 @@ import sys
 SOURCE = pathlib.Path(__file__).resolve().parents[2]
 MARKDOWN_COLUMNS = 110
 SUBJECT_COLUMNS = 72
-# Word or phrase, and its replacement.
+# Pattern of a word or phrase, and its replacement.
 WORDS = {
     r"\blikewise\b": "also, or the same sentence again",
     r"\bsomebody\b": "a person, an operator, a user",
@@ -43,7 +43,7 @@ STYLE = {
     r"\b(model|file|key|state|program) has not\b": "a noun and 'does not have'",
     r"\bnot be told from\b": "cannot be distinguished from",
 }
-# A clause as subject or object: name the thing.
+# Openings of a clause that is a subject or object.
 OPENING = re.compile(r"(What|Which|Where|How|Whether|By how much)\b", re.I)
 # Markup before the first word of a comment or paragraph.
 LEAD = re.compile(r"(?:[-*] |\d+\. )?[*`]*")

@@ -1,4 +1,4 @@
-"""The prose lint finds each of its patterns, and nothing in correct text."""
+"""Checks that the prose lint finds each of its patterns, and nothing in correct text."""
 
 import contextlib
 import io

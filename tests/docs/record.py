@@ -1,6 +1,6 @@
-"""Keeps the figures of a run that documents print; tests/docs/figures_test.py compares them.
+"""Records the figures of a run that the documents print. tests/docs/figures_test.py compares them.
 
-usage: record.py summary.json|study.csv FILE       as in record.py out/pusher/summary.json docs/recorded/pusher.json
+usage: record.py summary.json|study.csv FILE       for example: record.py out/pusher/summary.json docs/recorded/pusher.json
 """
 import csv
 import json
@@ -20,7 +20,7 @@ def record(source, target):
         return
     summary = json.loads(source.read_text())
     kept = {key: summary[key] for key in ("experiment", "preset", "commit", "seed", "averages", "contrasts")}
-    # Times of another machine are not comparable.
+    # Times of other machines are not comparable.
     for row in kept["averages"] + kept["contrasts"]:
         for key in [key for key in row if "seconds" in key]:
             del row[key]

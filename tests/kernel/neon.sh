@@ -1,13 +1,13 @@
 #!/usr/bin/env bash
 # Compiles the kernel library for 64-bit ARM, where Highway uses NEON instead of AVX, and runs three
-# of its test files under QEMU. Installs nothing: names the cross tools that are missing, and
+# of its test files under QEMU. Installs nothing: prints the names of missing cross tools, and
 # unpacks the libraries for ARM into FOLDER.
 #   usage: tests/kernel/neon.sh FOLDER
 set -euo pipefail
 folder=$(realpath -m "${1:?usage: tests/kernel/neon.sh FOLDER}")
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 for tool in aarch64-linux-gnu-g++ qemu-aarch64; do
-  command -v "$tool" >/dev/null || { echo "neon.sh: no $tool: apt-get install g++-aarch64-linux-gnu qemu-user" >&2; exit 1; }
+  command -v "$tool" >/dev/null || { echo "neon.sh: $tool is missing: apt-get install g++-aarch64-linux-gnu qemu-user" >&2; exit 1; }
 done
 
 root=$folder/arm64/usr
