@@ -1,7 +1,7 @@
 # shellcheck shell=bash
 # Implements ./dev release. The script dev reads this file.
 
-# interpreters: prints the path of one CPython with headers for each minor version from 3.9 on. Prefers Debian's.
+# interpreters: prints the path of one CPython with headers for each minor version, 3.9 or newer. Prefers Debian's.
 interpreters() {
   local python
   for python in /usr/bin/python3 $(compgen -c python3. | sort -u | grep -E '^python3\.[0-9]+$' || true) \
