@@ -110,7 +110,7 @@ endfunction()
 # dfr_add_library(kernel SOURCES ... [PUBLIC ...] [PRIVATE ...] [OFFLINE])
 # makes dfr_kernel, its alias dfr::kernel, the install component and export set "kernel", and
 # dfr-kernel.pc. OFFLINE marks a library that no control loop and no fit calls, such as a library for
-# files and reports. Public headers are in include/ beside the CMakeLists.txt.
+# files and reports. Public headers are in include/ next to CMakeLists.txt.
 function(dfr_add_library name)
   cmake_parse_arguments(PARSE_ARGV 1 arg "OFFLINE" "" "SOURCES;PUBLIC;PRIVATE")
   set(target dfr_${name})

@@ -166,7 +166,7 @@ function(dfr_describe_packages)
       set(CPACK_DEBIAN_${id}_PACKAGE_SECTION libdevel)
     else()
       set(CPACK_DEBIAN_${id}_PACKAGE_SHLIBDEPS ON)
-      # dpkg-shlibdeps does not see the libraries that mujoco_view opens at run time.
+      # dpkg-shlibdeps does not find the libraries that mujoco_view opens at run time.
       dfr_reaches(${name} "libosmesa6-dev" draws)
       if(draws)
         set(CPACK_DEBIAN_${id}_PACKAGE_DEPENDS "libosmesa6, libegl1")
