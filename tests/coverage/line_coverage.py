@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Reports the lines of the libraries that the tests ran. usage: line_coverage.py BUILD [--missed TEXT]
+"""Reports the executed lines of the libraries. usage: line_coverage.py BUILD [--missed TEXT]
 
 BUILD is a tree that was built with -DDFR_COVERAGE=ON and whose tests have run (./dev coverage does both). Prints a
 table by library; with --missed, the lines that no test ran in files whose path contains TEXT. A line counts once,
-however many instruction sets and templates it is compiled for.
+even if it is compiled for several instruction sets and template arguments.
 """
 import argparse
 import collections
@@ -13,7 +13,7 @@ import subprocess
 
 
 def lines_of(build, root):
-    """Returns {path below libs: {line: whether it ran}}."""
+    """Returns {path below libs: {line: True if it ran}}."""
     lines = collections.defaultdict(dict)
     for notes in sorted(build.glob("libs/**/*.gcno")):
         done = subprocess.run(["gcov", "--json-format", "--stdout", notes.name], cwd=notes.parent, check=True,

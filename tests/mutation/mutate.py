@@ -3,12 +3,12 @@
 
 Changes one operator or constant in the sources of a library at a time, builds its tests and runs them. A change is
 killed if a test fails or crashes, or if the tests need more than 8 GiB or five times their processor time plus 5 s. A
-change that does not compile does not count. A change that survives is printed: it needs a test, or a reason in
+change that does not compile does not count. Prints each change that survives: it needs a test, or a reason in
 docs/reliability.md. Draws COUNT changes at random. Prints the killed share with its 95 % interval (Wilson).
 
 The tests are the unit tests of tests/NAME, one program. Works in a copy of the tree (git worktree) below
-build/mutation, and never changes the tree itself. Each run has its own TMPDIR, which is removed. Run by root, changed
-programs can write only there and below the copy's build folder. build/mutation/NAME.jsonl keeps the results for the
+build/mutation, and never changes the tree itself. Each run has a temporary TMPDIR. If root runs it, changed programs
+can write only there and below the copy's build folder. build/mutation/NAME.jsonl keeps the results for the
 present content of each source file. The same command continues from there, and repeats changes that survived an
 earlier version of the tests. --survivors only prints the results.
 """
@@ -26,7 +26,7 @@ import sys
 import tempfile
 import time
 
-# Patterns and their replacements. Strings and comments are not changed.
+# Patterns and their replacements. Strings and comments stay unchanged.
 CHANGES = [
     (r"(?<![<>=!+\-*/&|])<(?![<=])(?=\s)", ["<=", ">"]), (r"(?<=\s)>(?![>=])(?=\s)", [">=", "<"]),
     (r"<=", ["<", ">"]), (r"(?<![->])>=", [">", "<"]), (r"==", ["!="]), (r"!=", ["=="]),

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Runs a command COUNT times on a busy machine: busy.py COUNT COMMAND ...
 
-Four loops occupy the processors. Every 5 s the command and its descendants are stopped for 0.3 s. Exits with 1 after
+Four loops occupy the processors. Every 5 s the script stops the command and its descendants for 0.3 s. Exits with 1 after
 the first run that fails. `./dev test --busy COUNT` calls it.
 """
 import os
