@@ -39,7 +39,7 @@ if without:
 setup(
     name="dfr",
     version=re.search(r"project\(dfr VERSION (\S+)", (HERE / "CMakeLists.txt").read_text()).group(1),
-    description="Safe execution of policies learned from demonstrations",
+    description="Run-time safety filter for policies learned from demonstrations",
     long_description=(HERE / "docs/python.md").read_text(),
     long_description_content_type="text/markdown",
     license="BSD-3-Clause",

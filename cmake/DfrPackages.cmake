@@ -105,8 +105,8 @@ function(dfr_install_copyright name package)
   dfr_reaches(${name} "libceres-dev|libopencv-videoio-dev" gpl)
   if(gpl)
     string(APPEND comment "\n A binary that links this package's libraries, or is one of its programs,"
-      "\n reaches code under the GPL through Debian's Ceres Solver (SuiteSparse) or"
-      "\n OpenCV (FFmpeg), and may be conveyed under the GPL, version 3 or later.")
+      "\n contains or loads GPL code through Debian's Ceres Solver (SuiteSparse) or"
+      "\n OpenCV (FFmpeg), and may be distributed only under the GPL, version 3 or later.")
   endif()
   set(file ${PROJECT_BINARY_DIR}/copyright/${name}/copyright)
   configure_file(${PROJECT_SOURCE_DIR}/cmake/copyright.in ${file} @ONLY)

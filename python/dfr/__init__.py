@@ -1,4 +1,4 @@
-"""Safe execution of policies learned from demonstrations.
+"""Run-time safety filter for policies learned from demonstrations.
 
 `TimeVaryingSupport` estimates the support of the demonstrated states at each time step.
 `OneClassSVM` estimates the support of any sample cloud, with scikit-learn's interface. Both fit and
