@@ -165,7 +165,7 @@ bool StopReader::New(const StopSenderId& who, std::uint64_t sequence, std::int64
   auto known = std::find_if(known_.begin(), known_.end(),
                             [&](const Known& k) { return k.sequence > 0 && k.who == who; });
   if (known == known_.end()) {
-    // Replaces a sender that has been silent for so long that a replay of its datagrams is too old.
+    // Replaces a sender that has been silent for so long that a replayed datagram would be too old.
     known = std::find_if(known_.begin(), known_.end(), [&](const Known& k) {
       return k.sequence == 0 || wall_ns - k.heard_ns > 2 * kMostAstrayNs;
     });

@@ -13,9 +13,9 @@
 #include "security/openssl.h"
 
 /// Second path of the emergency stop through the network: datagrams that share neither parser nor
-/// threads with DDS. Each contains its sender, its number, the time of sending, and whether the
-/// button is pressed. In a secured network it also contains the sender's certificate and signature,
-/// and the receiver ignores datagrams without a valid signature.
+/// threads with DDS. Each contains the sender's id, a sequence number, the time of sending, and the
+/// state of the button. In a secured network it also contains the sender's certificate and
+/// signature, and the receiver ignores datagrams without a valid signature.
 namespace dfr::dds::internal {
 
 /// Identifies a sender: a random number for each button.
@@ -65,7 +65,7 @@ class StopReader {
   /// second of `wall_ns`, and numbered higher than its button's last valid datagram. Sets `who` and
   /// `pressed` only if the datagram is valid.
   bool Read(std::string_view datagram, std::int64_t wall_ns, StopSenderId& who, bool& pressed);
-  /// True if the last datagram with a valid signature was refused for its stamp.
+  /// True if the last datagram with a valid signature was refused because of its stamp.
   [[nodiscard]] bool clocks_differ() const noexcept { return clocks_differ_; }
 
  private:
@@ -92,7 +92,7 @@ class StopSender {
   explicit StopSender(const ParticipantOptions& options);
 
   /// Returns false if no datagram could be sent.
-  /// @param wall_ns  present time, for the datagram's stamp.
+  /// @param wall_ns  current system time, for the datagram's stamp.
   bool Send(bool pressed, std::int64_t wall_ns) noexcept;
 
  private:

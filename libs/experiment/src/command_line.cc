@@ -105,7 +105,7 @@ bool IsNumeric(const CLI::Option& option) {
   return type.find("INT") != std::string::npos || type.find("FLOAT") != std::string::npos;
 }
 
-// Formats all options of a command with their present values as a table of run.toml.
+// Formats all options of a command with their current values as a table of run.toml.
 std::string Resolve(const CLI::App& command) {
   std::string text = "# Starts the same run again: " + command.get_parent()->get_name() + " " +
                      command.get_name() + " --config FILE --out FOLDER\n[" + command.get_name() +

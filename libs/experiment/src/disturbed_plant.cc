@@ -64,7 +64,7 @@ void DisturbedPlant::Reset(std::uint64_t seed) {
   for (std::size_t i = 0; i < happened_.size(); ++i) happened_[i] = seen_[i % seen_.size()];
 }
 
-// Called after every control: observes the present state, or an earlier one.
+// Called after every control: observes the current state, or an earlier one.
 void DisturbedPlant::See() noexcept {
   const bool lost = options_.missing > 0.0 && random_.Uniform() < options_.missing;
   if (happened_.empty()) {

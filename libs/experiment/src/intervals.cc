@@ -239,7 +239,7 @@ std::optional<Interval> CountRatioInterval(std::span<const RatioPart> units, dou
     total.numerator += unit.numerator;
     total.denominator += unit.denominator;
   }
-  // Rounding alone gives equal ratios an interval of a width of about 1e-8.
+  // Rounding alone gives equal ratios an interval about 1e-8 wide.
   const bool varies = !interval || interval->high - interval->low > 1e-6 * interval->high;
   if (total.numerator >= kFew && varies) return interval;
   const auto n = static_cast<double>(units.size());
@@ -249,7 +249,7 @@ std::optional<Interval> CountRatioInterval(std::span<const RatioPart> units, dou
     squares += (unit.denominator - mean) * (unit.denominator - mean);
   }
   const double dispersion = std::max(1.0, squares / (n - 1.0) / mean);
-  // Dispersion only widens the interval: its lower bound is that without dispersion.
+  // Dispersion only widens the interval: the lower bound omits it.
   const Interval exact{
       RateRatioInterval(total.numerator, total.denominator, confidence).low,
       RateRatioInterval(total.numerator, total.denominator / dispersion, confidence).high};

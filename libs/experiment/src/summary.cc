@@ -293,7 +293,7 @@ Summary Summarize(const EvaluationPlan& plan, std::span<const UnitResult> result
         const auto found = by_unit.find({learner, demonstrations});
         if (found == by_unit.end()) continue;
         const auto [sum, count] = found->second;
-        // Not a number without a unit that defines it.
+        // NaN if no unit defines it.
         summary.measures.push_back({name, learner, demonstrations, sum / count});
       }
     }

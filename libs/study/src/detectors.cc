@@ -22,7 +22,7 @@ constexpr std::uint64_t kTargetStream = 1;
 constexpr std::uint64_t kPredictorStream = 2;
 constexpr double kUnlimited = 1e9;
 
-// Scores a state by -l of a support at the best-fitting time step near the present one.
+// Scores a state by -l of a support at the best-fitting time step near the current one.
 class SupportDetector final : public Detector {
  public:
   SupportDetector(std::string_view name, const FittedTask& fit,

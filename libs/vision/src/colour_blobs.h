@@ -29,7 +29,7 @@ struct ColourBlobs {
   void Split(const ImageView& image);
   /// Computes the excess of channel `c` over both others.
   void Excess(int c);
-  /// Finds connected regions of the present excess above `threshold`. May omit those whose area, as
+  /// Finds connected regions of the current excess above `threshold`. May omit those whose area, as
   /// Blob::area, exceeds `max_area`.
   void FindBlobs(double threshold, double max_area);
   /// Computes the sub-pixel centre and area: edge pixels count in proportion to their colour.

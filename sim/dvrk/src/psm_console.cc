@@ -18,7 +18,7 @@ constexpr double kDegree = 0.017453292519943295;
 constexpr double kJawSpeed = 90.0 * kDegree;
 constexpr double kJawUpper = 80.0 * kDegree;
 
-// Control spaces and modes, in the words of sawIntuitiveResearchKit.
+// Control spaces and modes, as named by sawIntuitiveResearchKit.
 constexpr std::string_view kNoControl = "UNDEFINED_SPACE/UNDEFINED_MODE";
 constexpr std::string_view kJointPosition = "JOINT_SPACE/POSITION_MODE";
 constexpr std::string_view kJointTrajectory = "JOINT_SPACE/TRAJECTORY_MODE";

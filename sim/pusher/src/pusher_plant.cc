@@ -73,7 +73,7 @@ std::string_view FindCollision(const PusherPlant::World& world, const Arm& arm,
   return {};
 }
 
-// Returns whether any part of the arm, moving by at most `motion`, could reach the cylinder or a
+// Returns true if any part of the arm, moving by at most `motion`, could reach the cylinder or a
 // region.
 bool CouldTouch(const PusherPlant::World& world, const Arm& arm, const Segment& object,
                 double motion) noexcept {

@@ -34,7 +34,7 @@ using Owned = std::unique_ptr<T, Deleter>;
 /// Returns the common name of the subject.
 [[nodiscard]] std::string CommonName(const X509& certificate);
 
-/// Returns a UTC date, "2026-11-21T00:00:00", in the format of permissions files.
+/// Formats a time as a UTC date, "2026-11-21T00:00:00", as in permissions files.
 [[nodiscard]] std::string Timestamp(const ASN1_TIME& time);
 
 /// @throws core::Error if users other than the owner can read or change a key file.

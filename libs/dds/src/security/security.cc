@@ -138,7 +138,7 @@ std::string CheckSecurity(const std::filesystem::path& folder, std::time_t now) 
                                  files.certificate.string() + " belongs to 'CN=" + name +
                                  "': take both from the same folder of `hardware certificates`");
   }
-  // In this format, the order of strings is the order of dates.
+  // Dates in this format have the same order as their strings.
   const std::string until = Element(permissions, "not_after");
   if (!until.empty() && until < TimestampAt(now)) {
     Wrong(files.permissions, "expired on " + until, kRemake);

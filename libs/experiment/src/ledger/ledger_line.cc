@@ -53,7 +53,8 @@ bool CheckHolds(std::string_view line, std::uint64_t seed) {
          tail.substr(kCheckKey.size(), 16) == Hex(Hash(body, seed));
 }
 
-// Returns true for a header line, also if it is damaged at one place: it begins or ends as one.
+// Returns true for a header line, even with damage at one place: the line begins or ends like a
+// header.
 bool IsOfLedger(std::string_view line) {
   return line.starts_with(std::string("{\"format\":\"") + kFormat + '"') ||
          (line.size() > kCheckSize && line.substr(line.size() - kCheckSize).starts_with(kCheckKey));

@@ -19,8 +19,8 @@ namespace {
 
 using Span = std::pair<double, double>;  // start and end of a unit, s
 
-// Returns the time in which at least one unit ran. Also counts gaps of up to 2 s: a ledger has the
-// ends in whole seconds.
+// Returns the time during which at least one unit ran. Also counts gaps of up to 2 s, because a
+// ledger stores end times in whole seconds.
 double TotalLength(std::vector<Span> spans) {
   std::ranges::sort(spans);
   double total = 0.0;
@@ -157,7 +157,7 @@ std::string TextOf(const Status& status) {
                          status.mean_wall_s, status.longest_wall_s);
   }
   if (status.remaining_s && status.done < status.units) {
-    text.append(FormatDuration(*status.remaining_s)).append(" remaining at the present rate\n");
+    text.append(FormatDuration(*status.remaining_s)).append(" remaining at the current rate\n");
   }
   for (const LedgerStatus& ledger : status.ledgers) {
     const bool finished = ledger.units > 0 && ledger.done >= ledger.units;
@@ -256,7 +256,7 @@ std::string ToJson(const std::vector<Status>& statuses) {
     json = Json::array();
     for (const Status& status : statuses) json.push_back(JsonOf(status));
   }
-  // A folder's name can be any bytes.
+  // A folder's name can contain any bytes.
   return json.dump(1, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 

@@ -62,7 +62,7 @@ void Print(std::ostream& out, const line_task::LineCalibration& calibration,
 /// separately for each picture.
 ///
 /// Minimises the reprojection errors and the tip's distances at contact, each divided by its
-/// standard deviation, plus the priors of CalibrateOptions. Cauchy's loss on each point suppresses
+/// standard deviation, plus the priors of CalibrateOptions. A Cauchy loss on each point suppresses
 /// wrong detections. Ceres eliminates the target poses first (sparse Schur complement).
 ///
 /// A single camera determines depth poorly: scale errors of the arm along the optical axis are
@@ -73,7 +73,7 @@ void Print(std::ostream& out, const line_task::LineCalibration& calibration,
 ///   position and height of the tip.
 /// @param marks_m  the marks on the target.
 /// @param guess  initial values: intrinsics within about 20 %, the camera's pose within about 20 mm
-///   and 10 degrees. Its arm.reference is kept.
+///   and 10 degrees. Calibrate() keeps guess.arm.reference.
 /// @param p_cam_target  initial pose of the target for all pictures.
 /// @throws std::invalid_argument if fewer than 10 frames show at least 4 marks and the tip, a frame
 ///   has the wrong number of marks or a non-finite joint, or an option is out of range.

@@ -21,7 +21,7 @@ enum class Permission {
 
 /// Options for MakeAuthority() and AddParticipant().
 struct CertificateOptions {
-  int days = 1095;  ///< Validity from today, in [1, 36500]. The authority lasts ten years longer.
+  int days = 1095;  ///< Validity from today, in [1, 36500]. The authority's lasts ten years longer.
 };
 
 /// Creates the certificate authority of a lab in a new folder, laid out as a ROS 2 keystore:
@@ -33,7 +33,7 @@ struct CertificateOptions {
 ///
 /// Only the user who runs the program can read the keys.
 /// @throws std::invalid_argument if an option is out of range; std::runtime_error naming `folder`
-///   if it has an authority, or the file that cannot be written.
+///   if it already has an authority, or naming a file that cannot be written.
 void MakeAuthority(const std::filesystem::path& folder, const CertificateOptions& options = {});
 
 /// @throws std::invalid_argument unless `name` has 1 to 64 letters, digits, '_', '-' and '.', and
@@ -43,8 +43,7 @@ void CheckParticipantName(const std::string& name);
 /// Adds a participant: creates its key, certificate and signed permissions. They are valid for
 /// `options.days`, but not beyond the authority's certificate.
 /// @throws as MakeAuthority() and CheckParticipantName(), and if the participant exists, `folder`
-/// has no authority, or users
-///   other than the owner can read the authority's key.
+///   has no authority, or users other than the owner can read the authority's key.
 void AddParticipant(const std::filesystem::path& folder, const std::string& name,
                     Permission permission, const CertificateOptions& options = {});
 

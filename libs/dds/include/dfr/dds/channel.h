@@ -39,11 +39,11 @@ enum class Role {
 
 /// State of the connection between a subscriber and its publishers.
 struct Health {
-  /// Number of publishers matched now. A command topic must not have more than one.
+  /// Number of currently matched publishers. A command topic must not have more than one.
   int publishers = 0;
   /// Number of publishers matched since the start; a rediscovered publisher counts twice.
   int found = 0;
-  int incompatible = 0;  ///< Number of publishers refused since the start for their QoS.
+  int incompatible = 0;  ///< Number of publishers refused since the start because of their QoS.
 };
 
 /// Sends messages of type T (see messages.h) to a ROS 2 topic. One object belongs to one thread at
@@ -51,7 +51,7 @@ struct Health {
 template <typename T>
 class Publisher {
  public:
-  /// @param topic  ROS 2 name, "/PSM1/servo_cp".
+  /// @param topic  ROS 2 name, for example "/PSM1/servo_cp".
   /// @throws std::invalid_argument if the topic does not begin with a slash; std::runtime_error if
   ///   DDS cannot create the writer (the topic has another type, or permission is missing).
   Publisher(Participant& participant, const std::string& topic, Role role);
@@ -61,11 +61,10 @@ class Publisher {
 
   /// Sends a message. Returns false if DDS could not accept it within 100 ms.
   bool Write(const T& message) noexcept;
-  /// Waits until all subscribers have acknowledged all written samples, at most `timeout_s`.
-  /// Returns true if they have. Destroying a publisher discards the samples that a subscriber has
-  /// not received.
+  /// Waits up to `timeout_s` for all subscribers to acknowledge all written samples. Returns true
+  /// if they did. Destroying a publisher discards the samples that a subscriber has not received.
   bool WaitUntilReceived(double timeout_s) noexcept;
-  /// Returns the number of subscribers matched now.
+  /// Returns the number of currently matched subscribers.
   [[nodiscard]] int num_subscribers() const noexcept;
   /// Returns the origin that Subscriber::Take() reports for this publisher's samples.
   [[nodiscard]] Origin origin() const noexcept;
@@ -93,7 +92,7 @@ class Subscriber {
   /// Takes all samples and keeps the newest. Returns false, with `message` unchanged, if there is
   /// none.
   bool TakeNewest(T& message) noexcept;
-  /// Waits for a sample, at most `timeout_s`. Returns true if there is one.
+  /// Waits up to `timeout_s` for a sample. Returns true if one is available.
   bool Wait(double timeout_s) noexcept;
   [[nodiscard]] Health health() const noexcept;
 
@@ -107,7 +106,7 @@ class Subscriber {
 template <typename Query, typename Answer>
 class Service {
  public:
-  /// @param name  ROS 2 name, "/PSM1/forward_kinematics".
+  /// @param name  ROS 2 name, for example "/PSM1/forward_kinematics".
   /// @throws as Publisher.
   Service(Participant& participant, const std::string& name);
   ~Service();

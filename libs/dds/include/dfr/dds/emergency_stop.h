@@ -37,9 +37,9 @@ class EmergencyStopButton {
   EmergencyStopButton(const EmergencyStopButton&) = delete;
   EmergencyStopButton& operator=(const EmergencyStopButton&) = delete;
 
-  /// Sends the state. Must be called every kBeat_s or more often, because silence also stops the
-  /// robot. Returns false if neither path could send the state.
-  /// @param wall_ns  present time, for the datagram's stamp.
+  /// Sends the state. Call it at least every kBeat_s, because silence also stops the robot. Returns
+  /// false if neither path could send the state.
+  /// @param wall_ns  current system time, for the datagram's stamp.
   bool Beat(std::int64_t wall_ns = Stamp::Now().nanoseconds()) noexcept;
   /// Latches the stop and sends it at once.
   void Press(std::int64_t wall_ns = Stamp::Now().nanoseconds()) noexcept;
@@ -76,8 +76,8 @@ class EmergencyStopJudge {
   /// @throws std::invalid_argument if max_silence_s is out of range.
   explicit EmergencyStopJudge(double max_silence_s, bool datagrams = true);
 
-  /// Processes one message of a button.
-  /// @param steady_ns  time of the monotonic clock of Check().
+  /// Processes one message from a button.
+  /// @param steady_ns  time of the same monotonic clock as in Check().
   void Hear(Way way, const Origin& who, bool pressed, std::int64_t steady_ns) noexcept;
   EmergencyStop Check(std::int64_t steady_ns) noexcept;
   /// Same as EmergencyStopReceiver::Acknowledge().

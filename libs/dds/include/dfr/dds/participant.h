@@ -66,8 +66,8 @@ struct Newcomer {
 class Participant {
  public:
   /// @throws std::invalid_argument if an option is out of range; std::runtime_error if the
-  ///   participant cannot be created (no ports left in the domain, address not of this machine),
-  ///   and as CheckSecurity().
+  ///   participant cannot be created (the domain has no free port, or the address does not belong
+  ///   to this machine), and as CheckSecurity().
   explicit Participant(const ParticipantOptions& options);
   ~Participant();
   Participant(const Participant&) = delete;
@@ -75,8 +75,8 @@ class Participant {
 
   [[nodiscard]] const ParticipantOptions& options() const noexcept;
 
-  /// Returns the peers found since the start and not admitted, including those that have left. Each
-  /// appears within 5 s of its discovery. Without security, the peers that use security are listed.
+  /// Returns the peers refused since the start, including those that have left. Each appears within
+  /// 5 s of its discovery. Without security, the list contains the peers that use security.
   [[nodiscard]] std::vector<RefusedPeer> refused_peers() const;
   /// Returns the refused peers not returned by earlier calls, for a log without repetitions.
   [[nodiscard]] std::vector<RefusedPeer> TakeRefusedPeers();
@@ -109,8 +109,8 @@ class Participant {
   std::unique_ptr<Impl> impl_;
 };
 
-/// Suffix for an error about a missing peer: "; 'NAME' is present, but not admitted: REASON" for
-/// each of the participant's refused_peers().
+/// Returns a suffix for an error about a missing peer: "; 'NAME' is present, but not admitted:
+/// REASON" for each of the participant's refused_peers().
 [[nodiscard]] std::string ExplainRefused(const Participant& participant);
 
 }  // namespace dfr::dds

@@ -27,10 +27,10 @@ struct SecurityFiles {
   std::filesystem::path permissions;
 };
 
-/// Checks a participant's folder, because DDS itself reports a refusal without the reason. Detects
-/// a missing file; a key that does not match the certificate or is readable by others; a folder or
-/// file that others can change; and a certificate or permissions that are of another authority,
-/// expired, not yet valid, or for another participant.
+/// Checks a participant's folder, because DDS itself reports a refusal without a reason. Detects a
+/// missing file; a key that does not match the certificate or is readable by others; a folder or
+/// file that others can change; and a certificate or permissions that another authority signed,
+/// that are expired or not yet valid, or that belong to another participant.
 /// @return the participant's name from its certificate.
 /// @param now  time at which all files must be valid.
 /// @throws std::runtime_error naming the file, its defect and the remedy.

@@ -13,8 +13,8 @@ class App;
 namespace dfr::experiment {
 
 /// Adds --out, --seed, --threads, --shard, --config, --restart and --salvage to a command, and sets
-/// options.configuration. Both arguments must outlive parsing, and `command` also all calls of
-/// options.configuration. run.toml stores options of type FILE as absolute paths.
+/// options.configuration. Both arguments must outlive parsing. `command` must also outlive all
+/// calls of options.configuration. run.toml stores options of type FILE as absolute paths.
 void AddRunOptions(CLI::App& command, ExperimentOptions& options);
 
 /// Calls AddRunOptions() and adds the other options of all commands that compare methods. `presets`
@@ -32,9 +32,9 @@ void AddExperimentOptions(CLI::App& command, ExperimentOptions& options, const s
 ///   episodes FOLDER                ids of episodes, worst outcomes first
 ///   rerun FOLDER ID                repeats one episode, compares other methods, and films them
 ///
-/// --config FILE of a command reads the table with the command's name, as in [experiment]. The keys
-/// are the command's options without dashes. The command line takes precedence. Errors in a value
-/// name file and line.
+/// With --config FILE, a command reads the table with its name, such as [experiment]. The keys are
+/// the command's options without dashes. The command line takes precedence. Errors in a value name
+/// file and line.
 ///
 /// @param film_endings  file extensions of the films that the program can write.
 /// @returns the exit code if no command remains to run: 0 after help, status and episodes, 2 after

@@ -30,7 +30,7 @@ struct DisturbanceOptions {
 /// A plant that differs from the demonstrated one: controls are rotated, scaled, biased, noisy,
 /// late or lost; observations are noisy, late or lost. Used to study the degradation of methods.
 ///
-/// Controls of more than two entries are rotated in a random plane. The underlying plant decides
+/// Controls of more than two entries are rotated in a random plane. The underlying plant determines
 /// collisions and completion.
 class DisturbedPlant final : public core::SimulatedPlant {
  public:

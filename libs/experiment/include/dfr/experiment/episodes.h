@@ -70,7 +70,7 @@ struct EpisodeFilter {
 /// controls. Prints at most `most` unless it is 0. The last line gives the number of selected
 /// episodes, their mean number of controls, and the number of all episodes with the filter's
 /// method, learner and data point.
-/// @throws std::runtime_error naming a method, learner or data point that no ledger has, or a
+/// @throws std::runtime_error naming a method, learner or data point that no ledger contains, or a
 ///   ledger of another run; if no unit is finished; and as ReadLedger().
 void PrintEpisodes(const std::vector<std::filesystem::path>& ledgers, const EpisodeFilter& filter,
                    int most, std::ostream& out);

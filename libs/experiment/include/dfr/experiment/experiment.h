@@ -53,7 +53,7 @@ struct ExperimentResult {
 class OutputFolder {
  public:
   /// Creates the folder options.out unless this path is empty. Removes the ledger and the results
-  /// of an earlier run if options.restart.
+  /// of an earlier run if options.restart is true.
   /// @throws std::runtime_error naming the folder if it cannot be created, or another process holds
   ///   it; and, before the folder changes, as CheckPlan().
   OutputFolder(const ExperimentOptions& options, const EvaluationPlan& plan);

@@ -23,7 +23,7 @@ struct FilmedEpisode {
 /// Returns text such as "collided: policy after 17 controls, 4 of them recovery".
 [[nodiscard]] std::string DescribeEnd(const EpisodeResult& result);
 
-/// @throws std::runtime_error unless SaveFilm() accepts the ending of this file's name.
+/// @throws std::runtime_error unless the file's extension is .html, as SaveFilm() requires.
 void CheckPage(const std::filesystem::path& path);
 
 /// Writes a page about episodes from one start state: their paths in the plane of two state

@@ -118,11 +118,11 @@ struct PairedCounts {
 };
 
 /// Comparison of a method with a reference. A value is absent if the reference has no event. An
-/// interval is absent if RatioInterval() is absent, with one exception. If a stratum has two units,
-/// and the method has fewer than 5 events or the ratio does not vary between units, too little for
-/// a variance, the interval also covers RateRatioInterval(). Its upper bound is that of the
-/// reference's events divided by their dispersion between units. If RatioInterval() is absent, this
-/// interval is RateRatioInterval() alone.
+/// interval is absent if RatioInterval() is absent, with one exception: a stratum has two units,
+/// and the method has fewer than 5 events or the ratio does not vary between units. These data do
+/// not determine a variance. The interval then also covers RateRatioInterval(), whose upper bound
+/// uses the reference's events divided by their dispersion between units. If RatioInterval() is
+/// absent, the interval is RateRatioInterval() alone.
 struct PairedContrast {
   std::optional<double> collision_reduction;  ///< 1 - collisions / collisions of the reference
   std::optional<Interval> collision_reduction_interval;

@@ -29,10 +29,10 @@ struct EvaluationPlan {
   int supervisors = 1;
   int episodes = 60;  ///< Start states per trial and data point.
   std::uint64_t seed = 0;
-  /// Evaluate() fails after this many consecutive start states that are not accepted.
+  /// Evaluate() fails after this many consecutive rejected start states.
   int max_redraws = 10'000;
-  /// Methods that run a policy of their own, not the reference's. They have no share of passed
-  /// controls and no verdict.
+  /// Methods that run another policy than the reference. They have no share of passed controls and
+  /// no verdict.
   std::vector<std::string> policies = {};
 };
 
@@ -58,7 +58,7 @@ struct EpisodeResult {
   double seconds = 0.0;  ///< Processor time.
   /// Sum of control::Step::change over the changed controls whose size is known.
   double change = 0.0;
-  int sized_changes = 0;  ///< Number of changes that `change` sums.
+  int sized_changes = 0;  ///< Number of changes included in `change`.
   bool operator==(const EpisodeResult&) const = default;
 };
 
@@ -92,7 +92,7 @@ using MakeTrialRunner = std::function<std::unique_ptr<TrialRunner>(const Evaluat
 
 struct UnitResult {
   EvaluationUnit unit;
-  /// Number of start states that were not accepted.
+  /// Number of rejected start states.
   int redrawn = 0;
   std::vector<std::uint64_t> starts;                 ///< Seeds of the accepted start states.
   std::vector<std::vector<EpisodeResult>> episodes;  ///< [method][start]

@@ -83,7 +83,7 @@ struct ReportNote {
 struct ReportMedia {
   std::filesystem::path path;
   std::string caption;
-  std::string content = {};  ///< Empty: read from `path`, whose ending is the type.
+  std::string content = {};  ///< Empty: read from `path`, whose extension gives the type.
 };
 
 /// An experiment's recommendation about the use of a method.
@@ -121,8 +121,8 @@ struct ReportOptions {
 /// with bands, the outcomes of episodes, the figures of the options, and then all tables. Figures
 /// are inline SVG; media are data URIs. The layout supports light and dark themes, narrow and wide
 /// windows, and print. A summary without cells gives a page of the options' content only. The page
-/// contains no measured times and is therefore identical bit for bit, whichever machines with the
-/// same instruction set ran the units.
+/// contains no measured times. It is therefore bit-identical for all machines with the same
+/// instruction set.
 /// @throws std::invalid_argument if a series, a table or a kind of media does not match its
 ///   description; std::runtime_error naming a media file that cannot be read.
 [[nodiscard]] std::string RenderReport(const Summary& summary, const ReportOptions& options);

@@ -28,15 +28,15 @@ struct Status {
   std::map<std::string, int> by_host;  ///< Number of units by the host that finished them.
   double mean_wall_s = 0.0;            ///< Mean duration of a unit on one thread.
   double longest_wall_s = 0.0;         ///< Maximum duration of a unit.
-  /// Remaining time at the present rate; absent if no process is running or no unit is finished.
+  /// Remaining time at the current rate; absent if no process is running or no unit is finished.
   std::optional<double> remaining_s = {};
   std::vector<LedgerStatus> ledgers;
 };
 
 /// Reads the ledgers in these folders or their subfolders, while programs may write them. Shards of
 /// one run are combined; runs of a grid are separate. A task without a finished unit belongs to the
-/// run of the tasks beside it. The rate is the number of finished units divided by the time in
-/// which at least one of them ran: pauses between runs do not count.
+/// run of the tasks beside it. The rate is the number of finished units divided by the time during
+/// which at least one of them ran. Pauses between runs do not count.
 /// @returns at least one status.
 /// @throws std::runtime_error naming a folder with neither ledgers nor logs; and as ReadLedger().
 [[nodiscard]] std::vector<Status> StatusesOf(const std::vector<std::filesystem::path>& folders);

@@ -64,8 +64,8 @@ struct Contrast {
   double mcnemar_p = 1.0;           ///< ClusteredMcNemar() of all pairs, by `clusters`.
 };
 
-/// Mean of a quantity reported by the runners, over the trials in which it is finite; not a number
-/// if there are none.
+/// Mean of a quantity reported by the runners, over the trials in which it is finite; NaN if there
+/// are none.
 struct MeasureMean {
   std::string name;
   std::string learner;

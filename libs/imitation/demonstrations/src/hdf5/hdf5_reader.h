@@ -14,8 +14,8 @@
 
 namespace dfr::imitation::internal {
 
-/// Hdf5File for untrusted files. libhdf5 does not validate its input: some files crash it or keep
-/// it busy forever. This class therefore runs it in a separate process. An early end of that
+/// Hdf5File for untrusted files. libhdf5 does not validate its input: some files crash it or make
+/// it loop forever. This class therefore runs it in a separate process. An early end of that
 /// process becomes an ordinary error. The process cannot open further files. The core::ReadBudget
 /// of the file's size limits its memory. Its CPU time per answer is at most 2 s plus 1 s per 20 MB
 /// of the file.

@@ -44,7 +44,7 @@ class ParquetFile {
     int repeated_definition = 0;  // least definition level at which a row's list has an entry
   };
 
-  /// Place of a leaf's values in a row group.
+  /// Location of a leaf's values in a row group.
   struct Chunk {
     int codec = 0;
     std::int64_t num_values = 0;

@@ -13,7 +13,7 @@ using PsmJoints = Eigen::Matrix<double, 6, 1>;
 enum class PsmReach {
   kOk,
   kInvalid,     ///< A non-finite entry.
-  kSingular,    ///< The wrist-yaw axis passes through the remote centre, or the wrist is there.
+  kSingular,    ///< The wrist-yaw axis passes through the remote centre, or the wrist is at it.
   kJointLimit,  ///< The pose requires a joint value beyond its limit.
 };
 
@@ -33,7 +33,7 @@ enum class PsmGeneration { kClassic, kSi };
 /// tips are kJawLength further along z. With yaw, pitch, roll and wrist angles zero and insertion
 /// 0.12 m, the wrist is at (0, 0, -0.1135) and the tool points down.
 ///
-/// Nothing here allocates or throws.
+/// No member allocates or throws.
 class Psm {
  public:
   static constexpr double kJawLength = 0.0102;  ///< m, from the wrist-yaw axis to the jaw tips.

@@ -8,8 +8,9 @@ namespace dfr::kinematics {
 
 /// Displacement of the platform's top plate from home: translation in m, then roll, pitch and yaw
 /// in rad, with the rotation Rz(yaw) Ry(pitch) Rx(roll), right-handed. The firmware uses the
-/// opposite sign for yaw and pitch; drivers must negate them. It also combines several angles
-/// differently: with a yaw of 15 and a roll of 6 degrees its plate is 2.1 mm off at the joints.
+/// opposite sign for yaw and pitch; drivers must negate them. The firmware also combines several
+/// angles differently: with a yaw of 15 degrees and a roll of 6 degrees, the plate is 2.1 mm off at
+/// the joints.
 struct PlatformPose {
   Eigen::Vector3d translation_m = Eigen::Vector3d::Zero();
   Eigen::Vector3d angles_rad = Eigen::Vector3d::Zero();
@@ -25,7 +26,7 @@ struct PlatformPose {
 /// degrees, pitch +-6.1, yaw +-23.3. The ranges of roll and pitch are smaller than the paper's +-15
 /// degrees. The firmware saturates silently; call FirmwareReaches() before sending a pose.
 ///
-/// Nothing here allocates or throws.
+/// No member allocates or throws.
 class SprkPlatform {
  public:
   static constexpr double kArmLength = 0.5 * 0.0254;     ///< m, servo axis to leg.
@@ -44,8 +45,8 @@ class SprkPlatform {
   /// Returns the position to which the firmware moves the plate's joint `i` for this pose, m, in
   /// the base frame. @pre 0 <= i < 6
   [[nodiscard]] static Eigen::Vector3d FirmwareJoint(const PlatformPose& pose, int i) noexcept;
-  /// Returns true if the firmware does not saturate at this pose. A rigid plate at this pose is
-  /// another condition: Reachable().
+  /// Returns true if the firmware does not saturate at this pose. Reachable() checks a separate
+  /// condition: a rigid plate can take this pose.
   [[nodiscard]] static bool FirmwareReaches(const PlatformPose& pose) noexcept;
 
   /// Returns the largest s in [0, 1] for which t * `pose` (every entry scaled) is reachable for all

@@ -47,7 +47,7 @@ struct LineCalibration {
 /// All entries are NaN if the image does not show both line and tip. Every controller then halts.
 ///
 /// Control (2): displacement of the tool in x and y, in units of kStep. The tool keeps the height
-/// and orientation of the arm's home. Entries beyond +-1 saturate.
+/// and orientation of the arm's home pose. Entries beyond +-1 saturate.
 ///
 /// Immutable and thread-safe. Only the constructor allocates or throws.
 class LineTask {

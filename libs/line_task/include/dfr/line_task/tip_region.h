@@ -19,7 +19,7 @@ struct TipRegionOptions {
   std::vector<Eigen::Hyperplane<double, 3>> planes = {};
 
   /// @throws std::invalid_argument if an entry is not finite, a box is empty, or a plane's normal
-  ///   is not of length 1.
+  ///   is not a unit vector.
   void Check() const;
 };
 
@@ -40,8 +40,8 @@ class TipRegion {
   /// @throws as TipRegionOptions::Check().
   TipRegion(const LineTask& task, const TipRegionOptions& options);
 
-  /// Returns the depth and the boundary of the violation at `tip_m` (world frame). There is none
-  /// inside the region. A non-finite position has infinite depth.
+  /// Returns the depth and the boundary of the violation at `tip_m` (world frame). A point inside
+  /// the region has no violation. A non-finite position has infinite depth.
   [[nodiscard]] Breach At(const Eigen::Vector3d& tip_m) const noexcept;
   /// Checks, in steps of 0.5 mm, the straight path in joint space between two encoder readings, and
   /// returns its deepest violation. A path that starts beyond a bound must not lead farther beyond

@@ -115,7 +115,7 @@ struct RecordingMetadata {
   bool operator==(const RecordingMetadata&) const = default;
 };
 
-/// Returns 16 hexadecimal digits that identify a file, or all files below a folder with their names
+/// Returns 16 hexadecimal digits that identify a file, or all files below a folder and their names
 /// (FNV-1a, 64 bits: detects accidental changes, not malicious ones).
 /// @throws std::runtime_error naming the file that cannot be read.
 [[nodiscard]] std::string Checksum(const std::filesystem::path& path);

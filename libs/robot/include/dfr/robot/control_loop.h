@@ -92,7 +92,8 @@ class ControlLoop {
   /// kOperator while the arm is armed.
   [[nodiscard]] runtime::HoldReason Home() noexcept;
   /// Operator command: moves the platform home in `duration_s`. Any reason to hold ends the wait
-  /// and calls Platform::Rest(), which may not stop it before home. Returns kNone, or that reason.
+  /// and calls Platform::Rest(), which may not stop the platform before home. Returns kNone, or
+  /// that reason.
   [[nodiscard]] runtime::HoldReason HomePlatform(double duration_s) noexcept;
   /// Starts the platform's motion, which lasts until the robot may no longer move. No effect unless
   /// the robot may move now.
@@ -135,8 +136,8 @@ class ControlLoop {
   /// Returns the reason that blocks a start, or kNone. blocking_words() describes it.
   [[nodiscard]] runtime::HoldReason blocking() const noexcept { return machine_.blocking(); }
   [[nodiscard]] std::string blocking_words() const;
-  /// Returns true from a press of the emergency stop, even a hidden one, to Clear(). An operator
-  /// must know of the press before Clear().
+  /// Returns true from a press of the emergency stop to Clear(), even if another reason to hold
+  /// hides the press. Tell the operator of the press before Clear().
   [[nodiscard]] bool stop_pressed() const noexcept { return stop_pressed_; }
 
  private:

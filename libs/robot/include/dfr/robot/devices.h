@@ -24,7 +24,7 @@ struct Finding {
 /// Result and time of the last check by a device's thread.
 struct ThreadHealth {
   Finding finding;
-  std::int64_t checked_ns = 0;  ///< By Clock::MachineNs(). If it is old, the thread hangs.
+  std::int64_t checked_ns = 0;  ///< Clock::MachineNs() at the check. If old, the thread hangs.
 };
 
 /// Clock of a control loop. In real time it advances independently; in lock-step with a simulator
@@ -63,13 +63,13 @@ class Manipulator {
   [[nodiscard]] virtual Finding Home() noexcept = 0;
   /// True while the arm powers up or homes.
   [[nodiscard]] virtual bool homing() const noexcept = 0;
-  /// Starts sending set-points, beginning with the present one, or returns the reason for a
+  /// Starts sending set-points, beginning with the current one, or returns the reason for a
   /// refusal.
   [[nodiscard]] virtual Finding Arm() noexcept = 0;
   /// Stops set-points and homing at the next Tick(). Always succeeds.
   virtual void Hold() noexcept = 0;
-  /// Starts a motion to `joints` (in the arm's units) of duration `duration_s`, or returns why it
-  /// cannot.
+  /// Starts a motion to `joints` (in the arm's units) of duration `duration_s`, or returns the
+  /// reason for a refusal.
   [[nodiscard]] virtual Finding MoveTo(std::span<const double> joints,
                                        double duration_s) noexcept = 0;
   [[nodiscard]] virtual bool armed() const noexcept = 0;
@@ -121,9 +121,9 @@ class Platform {
   [[nodiscard]] virtual Finding Home() noexcept = 0;
   /// Starts the motion, which lasts until Rest(), or returns the reason for a refusal.
   [[nodiscard]] virtual Finding Begin() noexcept = 0;
-  /// Called in every period in which the robot must not move: stops the platform at a known
-  /// position by the shortest path; from an unknown position this is home. No effect if the
-  /// platform rests. Returns a reason if the platform cannot be commanded.
+  /// Called in every period in which the robot must not move. Moves the platform by the shortest
+  /// path to a known position, and stops it there. From an unknown position, the path leads home.
+  /// No effect if the platform rests. Returns a reason if the platform cannot be commanded.
   [[nodiscard]] virtual Finding Rest() noexcept = 0;
 };
 
@@ -154,7 +154,7 @@ class Task {
 
   [[nodiscard]] virtual int state_dim() const noexcept = 0;
   [[nodiscard]] virtual int control_dim() const noexcept = 0;
-  /// Called after arming: the next motion begins at the arm's present position.
+  /// Called after arming: the next motion begins at the arm's current position.
   virtual void Begin() noexcept = 0;
   /// Plans the motion of `control` (control_dim() finite entries) from the end of the last motion.
   /// Returns std::nullopt if the arm cannot reach the target.

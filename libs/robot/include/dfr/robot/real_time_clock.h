@@ -11,7 +11,7 @@ namespace dfr::robot {
 class RealTimeClock final : public Clock {
  public:
   /// @param period_s  in [0.0001, 10], s.
-  /// @param steady  must outlive this.
+  /// @param steady  must outlive this object.
   explicit RealTimeClock(double period_s, runtime::SteadyClock& steady = runtime::MachineClock())
       : period_s_(period_s), steady_(&steady) {}
 

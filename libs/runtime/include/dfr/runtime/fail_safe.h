@@ -30,7 +30,7 @@ enum class HoldReason {
   kControlInvalid,       ///< The control has a non-finite entry.
   kCommandRefused,       ///< The command exceeds a limit of speed, workspace or joints.
   kEmergencyStop,        ///< The emergency stop button was pressed.
-  kEmergencyStopSilent,  ///< No message arrives from the button, which could not stop the robot.
+  kEmergencyStopSilent,  ///< No message arrives from the button, so it could not stop the robot.
   kArmSilent,            ///< No measured state arrives.
   kArmInvalid,           ///< The measured state is not finite, or the console marks it invalid.
   kArmOld,               ///< The measured state is too old.

@@ -13,7 +13,7 @@ class Keyboard {
   explicit Keyboard(int file = 0) : file_(file) {}
 
   /// Discards earlier input, which must not answer a later question. Treats the input as ended
-  /// after a mebibyte of discarded text, for example of the program `yes`.
+  /// after a mebibyte of discarded text, for example from the program `yes`.
   void Discard() noexcept;
   /// Returns the next complete line without its line end, waiting at most `timeout_s`. Returns
   /// std::nullopt if there is none, or the input has ended. Lines longer than 4096 characters are

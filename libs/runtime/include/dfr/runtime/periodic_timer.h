@@ -29,14 +29,14 @@ class SteadyClock {
 /// thread. Only the constructor allocates or throws.
 class PeriodicTimer {
  public:
-  /// The first period ends `period_s` from now. `clock` must outlive this.
+  /// The first period ends `period_s` from now. `clock` must outlive this object.
   /// @throws std::invalid_argument unless `period_s` lies in [0.0001, 10].
   explicit PeriodicTimer(double period_s, SteadyClock& clock = MachineClock());
   ~PeriodicTimer();
   PeriodicTimer(const PeriodicTimer&) = delete;
   PeriodicTimer& operator=(const PeriodicTimer&) = delete;
 
-  /// Sleeps until the present period ends. Skips periods that have already passed: a delayed loop
+  /// Sleeps until the current period ends. Skips periods that have already passed: a delayed loop
   /// does not run faster afterwards.
   void Wait() noexcept;
 

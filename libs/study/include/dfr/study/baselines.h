@@ -77,7 +77,8 @@ class EnsemblePolicy final : public core::Policy {
 /// covariance of the learned policy's errors on ten episodes of the supervisor. The policy learns
 /// the supervisor's controls without the noise. Discards demonstrations that do not complete the
 /// task within `horizon` controls.
-/// @throws std::invalid_argument if there is no supervisor, or it completes under 1 episode in 10.
+/// @throws std::invalid_argument if there is no supervisor, or it completes fewer than 1 in 10
+///   episodes.
 [[nodiscard]] std::unique_ptr<const core::Policy> TrainDart(
     const Expert& teaching, const core::Policy& learned,
     std::span<const core::Trajectory> demonstrations, int horizon);

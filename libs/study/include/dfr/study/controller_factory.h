@@ -30,7 +30,7 @@ inline constexpr std::array<std::string_view, 9> kOtherMethods = {
     "finite-difference", "true-jacobian", "lwr",   "lwr-cv", "lwr-online", "knn",
     "ensemble",          "dart",          "dagger"};
 
-/// kOtherMethods of a model that was loaded from a file, in a simulation. The others of
+/// Methods of kOtherMethods that a simulation offers for a model loaded from a file. The rest of
 /// kOtherMethods need a learner or a supervisor.
 inline constexpr std::array<std::string_view, 6> kLoadedMethods = {
     "finite-difference", "true-jacobian", "lwr", "lwr-cv", "lwr-online", "knn"};
@@ -46,8 +46,9 @@ struct MethodName {
 [[nodiscard]] MethodName Split(std::string_view name) noexcept;
 
 /// Returns the policies of kPolicies that are valid after an @ in a program with the methods
-/// `others`: a policy that is also one of kOtherMethods must be one of `others`. All but "none" and
-/// these need the driven plant, as the oracle "true-jacobian" does.
+/// `others`: a policy that is also one of kOtherMethods must be one of `others`. The remaining
+/// policies, except "none", are valid only if the oracle "true-jacobian" is: they also need the
+/// driven plant.
 [[nodiscard]] std::vector<std::string_view> PoliciesFor(std::span<const std::string_view> others);
 
 /// Same as safety::ParseMethod() with `others`, but also accepts names with one of PoliciesFor() or
@@ -60,7 +61,7 @@ struct MethodName {
 /// Returns the valid arguments of ParseMethod() with explanations, for help texts.
 [[nodiscard]] std::string MethodHelp(std::span<const std::string_view> others = kOtherMethods);
 
-/// Returns true for a method that runs a policy and guards none, such as "baseline", "lwr",
+/// Returns true for a method that runs a policy without a guard, such as "baseline", "lwr",
 /// "baseline@none" or "ensemble".
 [[nodiscard]] bool IsPolicy(std::string_view method) noexcept;
 

@@ -21,7 +21,7 @@ class LearnsOnline {
 
 /// "lwr-online": locally weighted regression with the kernel width of guided recovery, and an
 /// estimate of the response J, which every applied control updates. Returns the control that has
-/// the demonstrated effect with the present estimate (control::LocalFit::NominalControl()). It has
+/// the demonstrated effect with the current estimate (control::LocalFit::NominalControl()). It has
 /// no support, filter, observer or probes. Call See() before each Control() and Applied() after it.
 /// Belongs to one thread; after construction it never allocates.
 class OnlineLwrPolicy final : public core::Policy {

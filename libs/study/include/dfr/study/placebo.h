@@ -26,7 +26,7 @@ inline constexpr std::string_view kJudged = "guard";
 /// "placebo-halts@lwr".
 [[nodiscard]] bool IsPlacebo(std::string_view method) noexcept;
 
-/// Returns true for a placebo or an oracle: a method to compare others with, not to use.
+/// Returns true for a placebo or an oracle: a method for comparison, not for use.
 [[nodiscard]] bool IsComparison(std::string_view method) noexcept;
 /// Returns `method` with another controller around the same policy, as in "guard@lwr".
 [[nodiscard]] std::string WithController(std::string_view controller, std::string_view method);

@@ -57,7 +57,7 @@ class NearestNeighbourPolicy final : public core::Policy {
 ///   "dagger"          TrainDagger(): queries the supervisor, in ten rounds
 ///   "at-constraints"  an adversary: tries directions on a copy of the plant, and takes one that
 ///                     collides soonest; if none collides, the learned policy's control
-///   "out-of-support"  an adversary: takes the tried direction that makes l smallest
+///   "out-of-support"  an adversary: takes the tried direction with the smallest l
 inline constexpr std::array<std::string_view, 12> kPolicies = {
     "lwr",     "lwr-cv",   "lwr-online", "knn",    "none",           "random",
     "negated", "ensemble", "dart",       "dagger", "at-constraints", "out-of-support"};
@@ -71,7 +71,7 @@ template <typename Names>
   return list;
 }
 
-/// Returns "lwr", "lwr-cv", "knn" or "none", the policies that need no learned policy; null for
+/// Creates one of "lwr", "lwr-cv", "knn" and "none", which need no learned policy. Returns null for
 /// another name.
 /// @throws std::invalid_argument as imitation::LocallyWeightedPolicy and NearestNeighbourPolicy do.
 [[nodiscard]] std::shared_ptr<const core::Policy> MakeUnlearned(

@@ -9,7 +9,7 @@
 namespace dfr::study {
 
 /// Computes each value once, on the first thread that requests it. Other threads wait. An exception
-/// of the computation reaches all of them.
+/// thrown by the computation reaches all of them.
 template <typename Key, typename Value>
 class SharedCache {
  public:

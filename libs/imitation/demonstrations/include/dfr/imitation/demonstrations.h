@@ -47,8 +47,8 @@ class DemonstrationReader {
   [[nodiscard]] virtual core::Trajectory Read(int i) const = 0;
 };
 
-/// Opens demonstrations of robomimic, Minari (see minari.h) or LeRobot (see lerobot.h); detects the
-/// format.
+/// Opens demonstrations in robomimic's, Minari's (see minari.h) or LeRobot's (see lerobot.h)
+/// format. Detects the format.
 /// @param filter_key  reads only the episodes under this key, for example robomimic's mask/train or
 ///   a split of LeRobot; empty: all.
 /// @param pictures  datasets or videos that must exist. Pictures among them become parts of the
@@ -97,7 +97,7 @@ class RobomimicWriter {
   /// Copies the origin and the number of discarded episodes of another file; call once.
   void CopyOrigin(const DemonstrationReader& from);
 
-  /// Counts `episodes` >= 0 discarded episodes, with one write to the file.
+  /// Adds `episodes` >= 0 to the number of discarded episodes, with one write to the file.
   void CountDiscarded(int episodes = 1);
 
   [[nodiscard]] int num_episodes() const noexcept;

@@ -102,11 +102,11 @@ class PsmConsole {
   [[nodiscard]] const char* tool() const noexcept;
   [[nodiscard]] ArmState state() const noexcept { return state_; }
   [[nodiscard]] bool homed() const noexcept { return homed_; }
-  /// Returns whether homing or a move is in progress.
+  /// Returns true while homing or a move is in progress.
   [[nodiscard]] bool busy() const noexcept {
     return homing_left_s_ > 0.0 || moving_ || jaw_moving_;
   }
-  /// Returns whether the following measurements are valid.
+  /// Returns true if the following measurements are valid.
   [[nodiscard]] bool valid() const noexcept { return homed_; }
   [[nodiscard]] const kinematics::PsmJoints& measured_joints() const noexcept { return measured_; }
   [[nodiscard]] const kinematics::PsmJoints& joint_velocity() const noexcept { return velocity_; }

@@ -39,7 +39,7 @@ struct PsmConsoleServerOptions {
 };
 
 /// Publishes a PsmConsole on the topics and services of a real one, under its arm's name. Follows
-/// the CRTK convention over ROS 2. Offers all that dvrk_python's psm requires, and fulfils
+/// the CRTK convention over ROS 2. Offers everything that dvrk_python's psm requires, and fulfils
 /// jhu-dvrk's contract for simulators.
 ///   publishes  measured_js setpoint_js measured_cp setpoint_cp local/measured_cp local/setpoint_cp
 ///              measured_cv jaw/measured_js jaw/setpoint_js body/ and spatial/ measured_cf jacobian
@@ -54,8 +54,8 @@ struct PsmConsoleServerOptions {
 /// The operating state is published when it changes, when a move starts, and once a second. Forces
 /// are zero. Only the pose of servo_cs is used. local/ is relative to the arm's own base.
 ///
-/// There is no thread: Tick() is the loop, and the caller provides the time. Each object belongs to
-/// one thread at a time.
+/// The server has no thread: the caller calls Tick() in a loop and provides the time. Each object
+/// belongs to one thread at a time.
 class PsmConsoleServer {
  public:
   /// Borrows participant and console, which must outlive the server.
@@ -78,7 +78,7 @@ class PsmConsoleServer {
 
   /// Waits until the subscribers have received all published messages about events: status,
   /// warning, error and operating_state. Waits `timeout_s` at most for each of these topics.
-  /// @returns false if the time is up.
+  /// @returns false on a timeout.
   bool WaitUntilReceived(double timeout_s) noexcept;
   /// Number of subscribers to status.
   [[nodiscard]] int status_subscribers() const noexcept;

@@ -30,8 +30,8 @@ struct DvrkSceneOptions {
 /// between controls advances while the arm does not move, unless linger_s is zero. In lock-step,
 /// Rest() stands for the time between controls.
 ///
-/// Everything that affects the state is seeded: the same calls give the same world, to the bit.
-/// Each object belongs to the thread that made it.
+/// Everything that affects the state is seeded: the same calls give a bit-identical world. Each
+/// object belongs to the thread that made it.
 class DvrkScene {
  public:
   /// @param calibration  used to place the tip at the start of the line; see LineTrackingPlant.
@@ -44,7 +44,7 @@ class DvrkScene {
   void Reset(std::uint64_t seed);
   /// Advances the console and the world by `dt_s`. @pre 0 <= dt_s <= 0.1
   void Step(double dt_s);
-  /// Advances only the world after the caller stepped the console by `dt_s`.
+  /// Advances only the world by `dt_s`. Call it after stepping the console by the same time.
   void Follow(double dt_s) noexcept;
   /// Completes all commands and brings everything to rest, as after a control of LineTrackingPlant.
   void Rest();

@@ -36,6 +36,7 @@ struct DvrkSceneServerOptions {
 ///   reset SEED          the next episode: DvrkScene::Reset(). "ok NOW"
 ///   truth               "ok COMPLETED COLLIDED PROGRESS_M DISTANCE_M TIP_X TIP_Y TIP_Z", flags as
 ///                       0 or 1, the tip in the world frame, m
+///   arm                 "ok NAME", the console's name of the arm
 ///   fault NAME VALUE    any of ConsoleFaults; camera none|frozen|black|overexposed|no_line|no_tip|
 ///                       silent|frozen_noisy|late; platform M_PER_S; unheard hold|free; arm_fault
 ///                       REASON; none (ends all except arm_fault and unheard). "ok"
@@ -64,8 +65,8 @@ class DvrkSceneServer {
   DvrkSceneServer(const DvrkSceneServer&) = delete;
   DvrkSceneServer& operator=(const DvrkSceneServer&) = delete;
 
-  /// Real time: takes all pending input, advances by `dt_s`, publishes all due messages. Call about
-  /// every millisecond. @pre 0 <= dt_s <= 0.1
+  /// Real time: takes all pending input, advances by `dt_s`, and publishes all due messages. Call
+  /// about every millisecond. @pre 0 <= dt_s <= 0.1
   void Tick(double dt_s);
   /// Lock-step: waits up to `timeout_s` for requests and answers all pending ones. Takes commands
   /// meanwhile, but does not move anything.

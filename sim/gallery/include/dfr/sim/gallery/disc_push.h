@@ -30,7 +30,8 @@ struct DiscPushOptions {
 /// fail.
 ///
 /// State: pusher(2), object(2), centres in metres. The supervisor pushes the object through the
-/// gate to the goal by feedback and goes around it if it is on the wrong side.
+/// gate to the goal by feedback. It moves the pusher around the object if the pusher is on the
+/// wrong side.
 class DiscPushPlant final : public GalleryPlant {
  public:
   /// @throws std::invalid_argument naming the option out of range.

@@ -16,7 +16,7 @@ namespace dfr::sim {
 
 /// A supervisor's choices before a demonstration.
 struct SupervisorVariation {
-  double way = 0.5;     ///< Uniform in [0, 1): selects one of several ways.
+  double way = 0.5;     ///< Uniform in [0, 1): selects one of several routes.
   double offset = 0.0;  ///< Standard normal: lateral offset of the path.
 };
 
@@ -38,7 +38,7 @@ class GalleryPlant : public core::SimulatedPlant {
   void CopyStateFrom(const core::SimulatedPlant& other) noexcept final;
 
   /// Writes the control of a supervisor with this variation in the current state, without noise.
-  /// The supervisor knows the whole state, including hidden entries. Entries of `u` may exceed +-1.
+  /// The supervisor uses the whole state, including hidden entries. Entries of `u` may exceed +-1.
   virtual void Supervise(const SupervisorVariation& variation,
                          std::span<double> u) const noexcept = 0;
 
@@ -81,8 +81,8 @@ struct PolicyBias {
   int late = 0;                   ///< Delay of controls in steps; the first controls are zero.
 };
 
-/// One task: its plant, its supervisor, and the quality of its policies. Controllers know the
-/// layout, the demonstrations and `features`.
+/// One task: its plant, its supervisor, and the quality of its policies. Controllers receive only
+/// the layout, the demonstrations and `features`.
 struct GalleryTask {
   std::string name;
   std::string summary;    ///< Goal, failure and difficulty of the task.

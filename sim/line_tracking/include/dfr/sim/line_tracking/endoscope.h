@@ -15,10 +15,10 @@ struct EndoscopeLight {
   double gain = 1.0;  ///< With gain 1, the gauze appears at four fifths of white.
   /// Relative increase in brightness towards +x, +y per unit of (x/z, y/z).
   Eigen::Vector2d gradient = Eigen::Vector2d::Zero();
-  double glare = 0.0;  ///< Amount added at the centre of a bright spot, of 255.
+  double glare = 0.0;  ///< Brightness added at the centre of a bright spot, in [0, 255].
   Eigen::Vector2d glare_at = Eigen::Vector2d::Zero();  ///< (x/z, y/z)
   double blur_px = 0.5;                                ///< Standard deviation of the focus blur.
-  double noise = 3.0;                                  ///< Standard deviation of the noise, of 255.
+  double noise = 3.0;  ///< Standard deviation of the noise; white is 255.
 };
 
 /// Model of an endoscope's lens, lamp and sensor: converts a pinhole camera's rendering to the

@@ -38,9 +38,9 @@ enum class CameraFault {
 /// Light and optics of the simulated endoscope. Light and glare also vary per episode and image.
 struct EndoscopeOptions {
   double light_change = 0.2;  ///< Maximum relative change of the gain, in [0, 0.6].
-  double glare = 20.0;        ///< Brightness of the brightest spot, of 255.
+  double glare = 20.0;        ///< Brightness of the brightest spot, in [0, 255].
   double blur_px = 0.5;       ///< Standard deviation of the focus blur.
-  double noise = 3.0;         ///< Standard deviation of the noise, of 255.
+  double noise = 3.0;         ///< Standard deviation of the noise; white is 255.
 };
 
 /// Options for LineTrackingPlant. Defaults are the experiment's scene without disturbance.
@@ -91,7 +91,8 @@ struct LineTrackingTruth {
 /// then |u| kStep / kSpeed, and the platform does not come to rest.
 ///
 /// collided(): the true tip was more than kCollision from the line in the gauze's plane at any
-/// time, sampled every 20 ms of motion and at rest. completed(): kCompletion tracked, not collided.
+/// time, sampled every 20 ms of motion and at rest. completed(): the tip has tracked kCompletion of
+/// the line without a collision.
 ///
 /// The endoscope's picture is MuJoCo's rendering of the camera's view (MujocoRenderer, without a
 /// display), processed by an Endoscope.
@@ -106,7 +107,7 @@ class LineTrackingPlant final : public core::SimulatedPlant {
   static constexpr double kCompletion = line_task::LineTask::kCompletion;  ///< m
   static constexpr double kHover = 0.0025;  ///< m, initial height of the tip above the gauze.
 
-  /// @param calibration  used by vision and commands; nullptr: the true camera, at its true place,
+  /// @param calibration  used by vision and commands; nullptr: the true camera, in its true pose,
   ///   and an uncorrected arm.
   /// @throws std::invalid_argument naming the value out of range, including a disturbance beyond
   ///   the platform's reach; std::runtime_error with kVision if rendering is not possible on this
@@ -152,7 +153,7 @@ class LineTrackingPlant final : public core::SimulatedPlant {
   /// Advances the world by `dt_s` for an external arm and clock (a console's); `reading` is the new
   /// encoder reading. The platform follows its commanded pose. The disturbance advances if
   /// `platform_moves` and Halt() was not called. Samples the tip's distance once. Calls with the
-  /// readings and times of Apply() give the same result to the bit. Never allocates.
+  /// readings and times of Apply() give bit-identical results. Never allocates.
   /// @pre dt_s >= 0, `reading` finite
   void Drive(const kinematics::PsmJoints& reading, double dt_s, bool platform_moves) noexcept;
   /// Brings everything to rest, as after a control: the encoders read `reading`, and the platform

@@ -18,7 +18,7 @@ struct MujocoRendererOptions {
   int width = 640;          ///< Width, in [16, 1920], and at most the model's offwidth.
   int height = 480;         ///< Height, in [16, 1080], and at most the model's offheight.
   std::string camera = {};  ///< Name of a fixed camera of the model.
-  /// Draws shadows, reflections, haze and sky. They dominate the time of software OpenGL.
+  /// Draws shadows, reflections, haze and sky. They dominate the drawing time of software OpenGL.
   bool effects = true;
   /// Changes the scene before it is drawn, for example to fade obstructing parts. May be empty.
   std::function<void(mjvScene_&)> decorate = {};

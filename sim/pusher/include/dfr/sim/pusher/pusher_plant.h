@@ -140,7 +140,7 @@ class PusherPlant final : public core::SimulatedPlant {
   [[nodiscard]] core::PlantStatus Apply(std::span<const double> control) noexcept override;
   void Observe(std::span<double> state) const noexcept override;
 
-  /// Returns whether the cylinder's centre is over the goal and collided() is false.
+  /// Returns true if the cylinder's centre is over the goal and collided() is false.
   [[nodiscard]] bool completed() const noexcept override;
   [[nodiscard]] bool collided() const noexcept override;
   /// Returns the first part that touched a red region: "object", "upper_arm", "forearm", "hand",
