@@ -120,7 +120,7 @@ class GuardDataTest(GuardProgramTest):
             (replace("actions", data=np.array([b"a", b"b"])), "data/demo_3/actions: is not numeric"),
             (replace("actions", shape=(0, 2), dtype="f8"), "data/demo_3/actions: has 0 rows"),
             (cycle, "groups deep"),
-            (lambda file: file["data/demo_3"].attrs.create("num_samples", "many"), "num_samples is neither an integer nor a truth value"),
+            (lambda file: file["data/demo_3"].attrs.create("num_samples", "many"), "num_samples is neither an integer nor a Boolean"),
             (lambda file: file.__delitem__("data"), "holds no episode"),
             (lambda file: file["data/demo_3/obs"].create_dataset("tool", data=np.zeros((20, 2))), "data/demo_3/obs: has 'tool', which the first episode lacks"),
             (lambda file: file["data/demo_3/obs"].create_dataset(b"t\xff", data=np.zeros((20, 2))), "t\\xff: has a name that is not UTF-8; rename it"),

@@ -241,7 +241,7 @@ TEST(ReadRecordingTest, OtherFilesAreRefusedByName) {
   };
   EXPECT_THAT(complaint("missing"), testing::HasSubstr("check that it exists"));
   Save(folder / "text", "a text of some length");
-  EXPECT_THAT(complaint("text"), testing::HasSubstr("does not begin as an MCAP file"));
+  EXPECT_THAT(complaint("text"), testing::HasSubstr("does not begin like an MCAP file"));
   std::string foreign = SmallFile(folder);
   foreign.replace(foreign.find("dfr"), 3, "cat");
   Save(folder / "foreign", foreign);

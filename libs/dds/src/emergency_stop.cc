@@ -71,8 +71,8 @@ void EmergencyStopJudge::Hear(Way way, const Origin& who, bool pressed,
 
 EmergencyStop EmergencyStopJudge::Check(std::int64_t steady_ns) noexcept {
   now_ns_ = steady_ns;
-  // A button has different names on the two paths. Only different numbers of buttons on the paths
-  // reveal a button that lacks a path.
+  // A button has different names on the two paths. Only a difference between the numbers of buttons
+  // on the two paths reveals a button that lacks a path.
   const std::int64_t since_ns = now_ns_ - max_silence_ns_;
   const bool dds_silent =
       over_dds_.Silent(since_ns) || (datagrams_ && over_dds_.size < in_datagrams_.size);

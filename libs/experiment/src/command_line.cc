@@ -153,7 +153,7 @@ std::string TextOf(const toml::node& node) {
   throw std::invalid_argument("must be a string, a number, true, false, or a list of these");
 }
 
-// Reads a configuration. @throws std::runtime_error naming file and line.
+// Reads a configuration. @throws std::runtime_error naming the file and line.
 toml::table ReadToml(const std::filesystem::path& file) {
   try {
     return toml::parse(core::CheckToml(file, core::ReadTomlText(file)), file.string());
@@ -346,7 +346,7 @@ void Add(CLI::App& app, Added& added, const std::vector<std::string>& film_endin
   added.rerun->add_option("folder", added.run, "folder of the run")->required();
   added.rerun->add_option("episode", added.again.episode, "id that the command episodes prints")
       ->required()
-      ->check([](const std::string& id) { return id.empty() ? "'' is no episode's id" : ""; });
+      ->check([](const std::string& id) { return id.empty() ? "'' is not an episode id" : ""; });
   added.rerun->add_option("--methods", added.again.methods, "methods of the run to compare with")
       ->delimiter(',');
   core::WritesFile(

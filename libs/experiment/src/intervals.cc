@@ -24,7 +24,7 @@ void CheckConfidence(double confidence) {
 void Check(int successes, int trials, double confidence) {
   DFR_THROW_UNLESS(trials > 0, "an interval needs at least one trial, not " << trials);
   DFR_THROW_UNLESS(successes >= 0 && successes <= trials,
-                   successes << " successes do not fit into " << trials << " trials");
+                   "successes must lie in [0, " << trials << "], not " << successes);
   CheckConfidence(confidence);
 }
 

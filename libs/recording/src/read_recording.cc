@@ -86,7 +86,7 @@ class Reader {
 
   Recording Read() {
     if (file_.left() < kMagic.size() || file_.Take(kMagic.size()) != kMagic) {
-      file_.Foreign("it does not begin as an MCAP file");
+      file_.Foreign("it does not begin like an MCAP file");
     }
     complete_ = file_.EndsWithMagic();
     while (Record()) {

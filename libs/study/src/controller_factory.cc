@@ -175,7 +175,7 @@ std::string MarksOf(std::span<const std::string> methods) {
   mark(": an adversary, which tries controls on a copy of the plant", [](const MethodName& name) {
     return name.policy == "at-constraints" || name.policy == "out-of-support";
   });
-  mark(": asks the supervisor while it learns, and collides meanwhile",
+  mark(": asks the supervisor while it learns, and may collide meanwhile",
        [](const MethodName& name) { return name.policy == "dagger"; });
   mark(": learned from separate demonstrations, with injected noise",
        [](const MethodName& name) { return name.policy == "dart"; });

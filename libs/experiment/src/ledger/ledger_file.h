@@ -51,7 +51,8 @@ class LedgerWriter {
 
   /// Appends a line and passes it to the system. After the call, the unit survives the end of this
   /// process. A power failure loses at most the lines of one second.
-  /// @throws std::runtime_error naming file and reason; the file then ends with the previous unit.
+  /// @throws std::runtime_error naming the file and reason; the file then ends with the previous
+  ///   unit.
   void Append(const LedgerRecord& record);
 
  private:

@@ -420,8 +420,8 @@ class Page : internal::PageWords {
     }
     out_ << "</tbody></table></div>\n</details>\n";
     if (summary_.measures.empty()) return;
-    out_ << "<h3>Further figures: means over trials</h3>\n<p class=\"caption\">They describe what "
-            "was learned, not episodes: the entries \"measures\" of "
+    out_ << "<h3>Further figures: means over trials</h3>\n<p class=\"caption\">They describe "
+            "the learned models, not episodes, and are the entries \"measures\" of "
             "summary.json.</p>\n<details><summary>Show</summary>\n"
             "<div class=\"wide\"><table><thead><tr><th>Figure</th><th>Learner</th>"
             "<th class=\"n\">Demonstrations</th><th class=\"n\">Mean</th></tr></thead><tbody>\n";

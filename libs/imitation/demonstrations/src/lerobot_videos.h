@@ -14,7 +14,8 @@
 namespace dfr::imitation::internal {
 
 /// The videos of a LeRobot dataset that are parts of the state. Errors are std::runtime_error
-/// naming file, feature or episode, reason and remedy. Each object belongs to one thread.
+/// naming the file, the feature or episode, the reason and the remedy. Each object belongs to one
+/// thread.
 class LeRobotVideos {
  public:
   /// @param folder  folder of the dataset.

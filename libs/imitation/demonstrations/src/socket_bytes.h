@@ -8,7 +8,7 @@
 
 namespace dfr::imitation::internal {
 
-/// Sends all bytes. @returns false if the other side is gone.
+/// Sends all bytes. @returns false if the peer has closed the connection.
 inline bool SendAll(int socket, const void* bytes, std::size_t size) noexcept {
   const char* from = static_cast<const char*>(bytes);
   while (size > 0) {
@@ -21,7 +21,8 @@ inline bool SendAll(int socket, const void* bytes, std::size_t size) noexcept {
   return true;
 }
 
-/// Receives exactly this many bytes. @returns false if the other side ends before the last byte.
+/// Receives exactly this many bytes. @returns false if the peer closes the connection before the
+/// last byte.
 inline bool ReceiveAll(int socket, void* bytes, std::size_t size) noexcept {
   char* to = static_cast<char*>(bytes);
   while (size > 0) {

@@ -14,7 +14,7 @@ namespace dfr::imitation::internal {
 /// Consecutive frames of a video file.
 struct VideoClip {
   std::filesystem::path file;
-  int camera = 0;  ///< Number of the camera. The last file of each camera stays open.
+  int camera = 0;  ///< Index of the camera. The last file of each camera stays open.
   std::int64_t first = 0;
   std::int64_t count = 0;
   /// Properties that the file must have.
@@ -39,7 +39,7 @@ class VideoFrames {
   /// Writes each frame to a row, out_height x out_width x channels values from 0 to 255. Three
   /// channels are RGB. A single channel is R, for grey videos.
   /// @param frames  count rows, out_height * out_width * (1 or 3) columns.
-  /// @throws std::runtime_error with reason and remedy.
+  /// @throws std::runtime_error with the reason and the remedy.
   void Read(const VideoClip& clip, Eigen::Ref<core::Matrix> frames);
 
  private:

@@ -17,7 +17,7 @@ enum class Freshness {
   kFresh,
   kNever,         ///< Nothing has arrived yet.
   kInvalidStamp,  ///< The last sample is stamped zero, as consoles stamp invalid data.
-  kSilent,        ///< No sample has arrived for too long.
+  kSilent,        ///< No sample has arrived for more than max_silence_s.
   kOld,           ///< Arriving samples are too old: delayed in transit, or the sender is frozen.
   kAhead,         ///< Stamped in the future: a clock jumped, or the machines' clocks differ.
 };

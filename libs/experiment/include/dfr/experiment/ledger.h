@@ -37,7 +37,7 @@ struct LedgerContents {
 /// Reads a ledger: a header and one line of JSON per finished unit. Each line ends with a checksum
 /// of its bytes and of the header, which detects flipped bits and lines of another run. The start
 /// states must follow from the plan's seed. Needs no lock.
-/// @throws std::runtime_error naming file, line and remedy for a file that is not a ledger, has
+/// @throws std::runtime_error naming the file, line and remedy for a file that is not a ledger, has
 /// another format version, or is damaged.
 [[nodiscard]] LedgerContents ReadLedger(const std::filesystem::path& path);
 

@@ -41,7 +41,7 @@ struct ReportSeries {
   int style = -1;
 };
 
-/// An additional line plot, for example of a convergence or an overlap.
+/// An additional line plot, for example of convergence or overlap.
 struct ReportPlot {
   std::string title = {};
   std::string x_label = {};
@@ -65,8 +65,8 @@ struct ReportTable {
   std::string caption;
   std::vector<std::string> header;
   std::vector<std::vector<std::string>> rows;  ///< Rows, each as long as `header`.
-  /// Command that prints the episodes behind an entry, shown on hover or tap: same shape as `rows`;
-  /// empty: none.
+  /// Commands that print the episodes behind the entries, shown on hover or tap. Same shape as
+  /// `rows`; empty: none.
   std::vector<std::vector<std::string>> commands = {};
 };
 

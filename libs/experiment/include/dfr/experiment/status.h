@@ -34,9 +34,9 @@ struct Status {
 };
 
 /// Reads the ledgers in these folders or their subfolders, while programs may write them. Shards of
-/// one run are combined; runs of a grid are separate. A task without a finished unit belongs to the
-/// run of the tasks beside it. The rate is the number of finished units divided by the time during
-/// which at least one of them ran. Pauses between runs do not count.
+/// one run are combined; runs of a grid are separate. A shard without a finished unit belongs to
+/// the run of the shards beside it. The rate is the number of finished units divided by the time
+/// during which at least one of them ran. Pauses between runs do not count.
 /// @returns at least one status.
 /// @throws std::runtime_error naming a folder with neither ledgers nor logs; and as ReadLedger().
 [[nodiscard]] std::vector<Status> StatusesOf(const std::vector<std::filesystem::path>& folders);

@@ -15,7 +15,7 @@
 namespace dfr::experiment {
 
 /// A fraction of the episodes, with ClusteredInterval() over trials or supervisors. With fewer than
-/// 5 clusters it has ProportionInterval(), which treats episodes as independent.
+/// 5 clusters, the interval is ProportionInterval(), which treats episodes as independent.
 struct Share {
   double value = 0.0;
   Interval interval;

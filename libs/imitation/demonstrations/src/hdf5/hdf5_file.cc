@@ -189,7 +189,7 @@ core::Matrix Hdf5File::Read(const std::string& path) const {
     std::vector<signed char> bytes(static_cast<std::size_t>(values.size()));
     if (H5Tget_size(type.id()) != 1 ||
         H5Dread(dataset.id(), type.id(), H5S_ALL, H5S_ALL, H5P_DEFAULT, bytes.data()) < 0) {
-      Fail(path, "cannot be read as truth values");
+      Fail(path, "cannot be read as Boolean values");
     }
     std::copy(bytes.begin(), bytes.end(), values.data());
   } else if (H5Dread(dataset.id(), H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT,
@@ -250,13 +250,13 @@ std::optional<std::int64_t> Hdf5File::IntegerAttribute(const std::string& path,
   const Hdf5Handle space(H5Aget_space(attribute.id()), H5Sclose);
   const Hdf5Handle type(H5Aget_type(attribute.id()), H5Tclose);
   std::int64_t value = 0;
-  // h5py stores truth values as an enumeration.
+  // h5py stores Boolean values as an enumeration.
   const H5T_class_t kind = H5Tget_class(type.id());
   // Minari 0.4 writes the text "None" for an unknown seed.
   if (kind == H5T_STRING && TextAttribute(path, name) == "None") return std::nullopt;
   if (H5Sget_simple_extent_npoints(space.id()) != 1 || (kind != H5T_INTEGER && kind != H5T_ENUM) ||
       H5Aread(attribute.id(), H5T_NATIVE_INT64, &value) < 0) {
-    Fail(path, std::string("attribute ") + name + " is neither an integer nor a truth value");
+    Fail(path, std::string("attribute ") + name + " is neither an integer nor a Boolean");
   }
   return value;
 }

@@ -13,8 +13,8 @@
 namespace dfr::imitation::internal {
 
 /// Wrapper of the parts of libhdf5 that demonstration files need. Paths within the file name
-/// objects, for example "data/demo_0/obs/tip". All functions throw std::runtime_error naming file,
-/// object and libhdf5's message.
+/// objects, for example "data/demo_0/obs/tip". All functions throw std::runtime_error naming the
+/// file, the object and libhdf5's message.
 class Hdf5File {
  public:
   /// Creates a file and replaces any existing one as a whole, like core::AtomicFile. The file then
@@ -52,7 +52,7 @@ class Hdf5File {
   /// Writes a chunked dataset that can grow in its first dimension.
   void WriteGrowable(const std::string& path, const core::Matrix& values);
   void WriteGrowable(const std::string& path, std::span<const double> values);
-  /// Writes truth values in h5py's form: an enumeration {FALSE = 0, TRUE = 1} over one byte.
+  /// Writes Boolean values in h5py's form: an enumeration {FALSE = 0, TRUE = 1} over one byte.
   void WriteGrowable(const std::string& path, const std::vector<bool>& values);
   /// Sets or replaces an attribute of a group or dataset. Stores text as UTF-8 of variable length.
   void SetAttribute(const std::string& path, const char* name, std::int64_t value);
@@ -66,7 +66,7 @@ class Hdf5File {
   [[nodiscard]] std::vector<std::string> Members(const std::string& group) const;
   /// Returns the dimensions of a dataset.
   [[nodiscard]] std::vector<std::int64_t> Shape(const std::string& path) const;
-  /// Returns true if a dataset holds numbers or truth values.
+  /// Returns true if a dataset holds numbers or Boolean values.
   [[nodiscard]] bool IsNumeric(const std::string& path) const;
   /// Reads a numeric dataset, converted to doubles. The first dimension becomes the rows, and the
   /// others are flattened into columns (one column for a one-dimensional dataset).

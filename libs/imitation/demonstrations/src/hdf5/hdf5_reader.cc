@@ -132,7 +132,7 @@ void LimitMemory(std::uint64_t file_size) noexcept {
   setrlimit(RLIMIT_AS, &limit);
 }
 
-// Runs the reading process: answers requests until the other side closes the socket.
+// Runs the reading process: answers requests until the peer closes the socket.
 void Serve(int socket, const std::filesystem::path& path, std::uint64_t file_size) noexcept {
   const auto reply = [socket](const std::string& answer) {
     std::string size;
@@ -173,7 +173,7 @@ void Serve(int socket, const std::filesystem::path& path, std::uint64_t file_siz
       }
     } while (true);
   } catch (const std::exception&) {
-    return;  // The other side detects the end of the stream.
+    return;  // The peer detects the end of the stream.
   }
 }
 

@@ -20,7 +20,7 @@ namespace dfr::imitation::internal {
 /// of the file's size limits its memory. Its CPU time per answer is at most 2 s plus 1 s per 20 MB
 /// of the file.
 ///
-/// The functions are those of Hdf5File. All throw std::runtime_error naming file, object and
+/// The functions are those of Hdf5File. All throw std::runtime_error naming the file, object and
 /// reason. Each object belongs to one thread.
 class Hdf5Reader {
  public:

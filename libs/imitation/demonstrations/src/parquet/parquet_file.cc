@@ -201,7 +201,7 @@ void ParquetFile::ReadFooter() {
   constexpr std::int64_t kTail = 8;  // length of the metadata, and the trailing magic
   if (size_ < kMagic + kTail || ReadBytes(0, kMagic) != "PAR1") Fail("is not a Parquet file");
   const std::string tail = ReadBytes(size_ - kTail, kTail);
-  if (tail.substr(4) != "PAR1") Fail("is truncated: it does not end as a Parquet file does");
+  if (tail.substr(4) != "PAR1") Fail("is truncated: it does not end like a Parquet file");
   std::uint32_t length = 0;
   std::memcpy(&length, tail.data(), sizeof(length));
   if (length > size_ - kMagic - kTail) {

@@ -22,7 +22,7 @@ struct ParquetColumn {
   }
 };
 
-/// Reader of numbers (including half precision and unsigned ones) and truth values in an Apache
+/// Reader of numbers (including half precision and unsigned ones) and Boolean values in an Apache
 /// Parquet file: flat columns and columns of lists; pages of versions 1 and 2; plain, dictionary
 /// and run-length encodings; uncompressed, Snappy, Zstandard.
 ///

@@ -185,7 +185,7 @@ class Thrift {
    private:
     int& depth_;
   };
-  // A truth value in a list or map takes a byte.
+  // A Boolean in a list or map takes a byte.
   void SkipElement(Kind kind) {
     if (kind == kTrue || kind == kFalse) {
       bytes_->Take(1);

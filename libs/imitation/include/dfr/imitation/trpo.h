@@ -99,7 +99,7 @@ class Trpo {
   Trpo& operator=(Trpo&&) noexcept;
   ~Trpo();
 
-  /// Collects a batch, updates the policy, fits the critic. An exception leaves this object
+  /// Collects a batch, updates the policy, and fits the critic. An exception leaves this object
   /// unchanged.
   /// @throws std::runtime_error if the environment throws or returns a state or reward that is not
   ///   finite, or if the critic diverges.

@@ -19,18 +19,18 @@ namespace dfr::robot {
 /// Options for ControlLoop.
 struct ControlLoopOptions {
   double period_s = 0.005;       ///< > 0
-  double max_period_s = 0.05;    ///< Maximum period, in (0, 10]; a longer period is kOverrun.
+  double max_period_s = 0.05;    ///< Maximum period, in (0, 10]; a longer period causes kOverrun.
   double settle_time_s = 0.2;    ///< Time without a reason to hold before Start(), in [0, 60].
   double image_latency_s = 0.0;  ///< Maximum delay of a stamp after the exposure, >= 0.
-  double image_timeout_s = 2.0;  ///< Maximum wait for the camera; a longer wait is kImageSilent.
+  double image_timeout_s = 2.0;  ///< Maximum wait for the camera; longer waits cause kImageSilent.
   int max_images = 3;            ///< Maximum number of pictures tried until one shows the state.
-  /// Maximum time since the last check by the camera's thread; a longer time is kImageSilent.
+  /// Maximum time since the last check by the camera's thread; a longer time causes kImageSilent.
   double max_camera_check_s = 0.25;
-  /// Maximum time since the last check by the emergency stop's thread; a longer time is
+  /// Maximum time since the last check by the emergency stop's thread; a longer time causes
   /// kEmergencyStopSilent.
   double max_stop_check_s = 0.1;
   /// Maximum distance between the state after a motion and the state that the motion should reach,
-  /// in units of the state. A larger distance is kStateJump.
+  /// in units of the state. A larger distance causes kStateJump.
   double max_state_jump = 3.0;
   /// Maximum difference between the change of the state and the sum of the motions since a past
   /// state: the smaller of max_drift and drift_noise + drift_share * (length of that sum). Detects
@@ -98,8 +98,8 @@ class ControlLoop {
   /// Starts the platform's motion, which lasts until the robot may no longer move. No effect unless
   /// the robot may move now.
   void MovePlatform() noexcept;
-  /// Operator command: arms and starts. Returns kNone, or the reason that prevents it. Retries for
-  /// `patience_s` unless a fault must be cleared first.
+  /// Operator command: arms and starts the robot. Returns kNone, or the reason that prevents it.
+  /// Retries for `patience_s` unless a fault must be cleared first.
   [[nodiscard]] runtime::HoldReason Start(double patience_s = 0.0) noexcept;
   /// Operator command: confirms that a fault is repaired, or that an emergency stop pressed while
   /// idle has been noticed. Returns false if a reason to hold remains.

@@ -9,7 +9,7 @@
 
 /// Device interfaces of a ControlLoop, implemented by drivers, simulators and tests. All calls come
 /// from the loop's thread. No call may allocate, lock, wait (except Clock::Wait()) or throw. A
-/// device that needs any of these must do so in a separate thread.
+/// device that needs any of these operations must perform them in a separate thread.
 namespace dfr::robot {
 
 /// Result of a device check: kNone, or a reason to hold.

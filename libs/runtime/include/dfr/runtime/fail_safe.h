@@ -39,9 +39,9 @@ enum class HoldReason {
   kArmNotFollowing,      ///< The arm does not follow its set-points.
   kSecondCommander,      ///< Another program commands the arm.
   kClock,                ///< Stamps lie in the future: a clock jumped.
-  kImageSilent,          ///< No picture arrives.
-  kImageOld,             ///< The newest picture is too old.
-  kImageInvalid,         ///< The picture is frozen, black, or of wrong size or format.
+  kImageSilent,          ///< No image arrives.
+  kImageOld,             ///< The newest image is too old.
+  kImageInvalid,         ///< The image is frozen, black, or of wrong size or format.
   kOverrun,              ///< The control loop was late; its data are old.
   kRecorder,             ///< The run can no longer be recorded.
   kPlatform,             ///< The platform cannot be commanded.

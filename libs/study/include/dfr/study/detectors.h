@@ -59,7 +59,7 @@ struct DetectorRates {
   std::vector<int> leads = {};
 
   /// Returns the mean of two fractions: failures with an alarm, and successes without an alarm.
-  /// Absent without a failure or without a success.
+  /// Absent if there is no failure or no success.
   [[nodiscard]] std::optional<double> balanced_accuracy() const noexcept;
   /// Returns the median of `leads`; absent if there are none.
   [[nodiscard]] std::optional<double> lead() const;

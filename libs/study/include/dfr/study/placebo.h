@@ -40,7 +40,7 @@ inline constexpr std::string_view kJudged = "guard";
 void CheckPlacebos(std::span<const std::string> methods);
 
 /// Interrupts a policy at random times as often as a guard does: at each control with the same
-/// probability, the rate. If the guard performs better, the timing or the content of its
+/// probability (the rate). If the guard performs better, the timing or the content of its
 /// corrections matters. Next() never allocates.
 class Placebo final : public control::Controller {
  public:

@@ -43,7 +43,7 @@ class DemonstrationReader {
   /// Returns the name of episode i in the file, for example "data/demo_7". i is in [0,
   /// num_episodes()).
   [[nodiscard]] virtual const std::string& name(int i) const = 0;
-  /// @throws std::runtime_error naming file, episode, dataset and reason.
+  /// @throws std::runtime_error naming the file, episode, dataset and reason.
   [[nodiscard]] virtual core::Trajectory Read(int i) const = 0;
 };
 
@@ -54,7 +54,8 @@ class DemonstrationReader {
 /// @param pictures  datasets or videos that must exist. Pictures among them become parts of the
 ///   state: datasets (steps, height, width) or (steps, height, width, 1 or 3 channels), and
 ///   LeRobot's videos. Other pictures are skipped. The size of a request applies only to videos.
-/// @throws std::runtime_error naming file and reason, also if the key or a picture does not exist.
+/// @throws std::runtime_error naming the file and reason, also if the key or a picture does not
+///   exist.
 [[nodiscard]] std::unique_ptr<DemonstrationReader> OpenDemonstrations(
     const std::filesystem::path& path, const std::string& filter_key = "",
     const std::vector<core::BlockRequest>& pictures = {});
@@ -71,9 +72,9 @@ class DemonstrationReader {
 // and `outcome` of each demo, `offset` of each obs dataset (its position in the state), `discarded`
 // of data and, if known, its `provenance` (core::ToText()).
 //
-// The functions below throw std::runtime_error naming file, episode, dataset and reason. libhdf5
-// reads files in a separate process because it does not validate them. It writes in this process,
-// from one thread at a time.
+// The functions below throw std::runtime_error naming the file, episode, dataset and reason.
+// libhdf5 reads files in a separate process because it does not validate them. It writes in this
+// process, from one thread at a time.
 
 /// Writes episodes one at a time. Flushes each episode before naming it: if the process is killed,
 /// the file keeps all episodes appended before.

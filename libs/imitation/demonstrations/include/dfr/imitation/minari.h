@@ -13,12 +13,12 @@ namespace dfr::imitation {
 // Minari's format: a folder DATASET with data/main_data.hdf5 and data/metadata.json. Group
 // episode_<i> of T controls has
 //   observations ((T + 1) x state_dim, or a group of such datasets),  actions (T x control_dim),
-//   rewards (T),  terminations and truncations (T truth values),  infos (a group).
+//   rewards (T),  terminations and truncations (T Boolean values),  infos (a group).
 // dfr adds attributes that other readers ignore: `outcome` of each episode and `offset` of each
 // dataset in a group of observations (its position in the state).
 //
-// The functions below throw std::runtime_error naming file, episode, dataset and reason. libhdf5
-// reads in a separate process and writes in this one, as for robomimic's files.
+// The functions below throw std::runtime_error naming the file, episode, dataset and reason.
+// libhdf5 reads in a separate process and writes in this one, as for robomimic's files.
 
 /// Writes episodes one at a time. Flushes each episode, then counts it in metadata.json. Only a
 /// kill during the few writes that name an episode loses data. To avoid this, record with

@@ -38,7 +38,7 @@ class CorridorPlant final : public GalleryPlant {
   /// Returns half_width minus the distance of (x, y) to the centre line: > 0 inside.
   [[nodiscard]] double Clearance(double x, double y) const noexcept;
   /// Returns points along the wall on one side (1: above the centre line, -1: below) for drawing.
-  /// Their x is in [left, right], and they are a twentieth of a unit apart along the centre line.
+  /// The points have x in [left, right] and lie a twentieth of a unit apart along the centre line.
   [[nodiscard]] std::vector<std::array<double, 2>> Wall(double side, double left,
                                                         double right) const;
 

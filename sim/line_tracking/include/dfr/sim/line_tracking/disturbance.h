@@ -45,8 +45,8 @@ class Disturbance {
   ///   finite, or if sine or breath would leave the platform's reach.
   Disturbance(const DisturbanceOptions& options, std::uint64_t seed);
 
-  /// Returns the pose. Poses out of reach are shortened towards home to the boundary. Never
-  /// allocates.
+  /// Returns the pose. Poses out of reach are scaled towards home, to the boundary of the
+  /// platform's reach. Never allocates.
   [[nodiscard]] kinematics::PlatformPose At(double t_s) const noexcept;
 
  private:

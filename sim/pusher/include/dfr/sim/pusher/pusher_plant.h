@@ -78,8 +78,8 @@ struct PusherStatistics {
 /// States here omit joint velocities, because they are observed at rest.
 ///
 /// Control (7): change of each joint angle, in units of PusherOptions::joint_step. Entries beyond
-/// +-1 saturate, because this is the actuators' limit, not an error. The arm stops at its joint
-/// limits and slides along the table instead of entering it. It stalls (the control changes
+/// +-1 are not an error: they saturate, because +-1 is the actuators' limit. The arm stops at its
+/// joint limits and slides along the table instead of entering it. It stalls (the control changes
 /// nothing) if it would press the cylinder onto the table by more than 0.5 mm. A control of another
 /// size or with a non-finite entry is rejected and moves nothing.
 ///
