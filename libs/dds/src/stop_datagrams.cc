@@ -19,8 +19,9 @@ namespace dfr::dds::internal {
 namespace {
 
 constexpr std::string_view kMagic("dfrstop1", 8);
-// A datagram holds magic, sender, number, time, 1 if pressed (else 0), size of the certificate (2
-// bytes), certificate, and signature of all preceding bytes. All integers are big-endian.
+// A datagram contains magic bytes, sender, number, time, 1 if pressed (else 0), size of the
+// certificate (2 bytes), certificate, and signature of all preceding bytes. All integers are
+// big-endian.
 constexpr std::size_t kIdAt = 8;
 constexpr std::size_t kSequenceAt = 24;
 constexpr std::size_t kTimeAt = 32;

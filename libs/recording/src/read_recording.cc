@@ -111,7 +111,7 @@ class Reader {
     if (size > file_.left() - kRecordHead) {
       const char* const what = "a record is larger than the file";
       if (complete_) return GoOn(at, what);
-      // A file without an end is cut off here, unless a later chunk shows a damaged size.
+      // A truncated file ends here. If a later chunk exists, the size is damaged instead.
       if (!head_ || !FindChunk(at)) return false;
       Suffered(at, what);
       return true;

@@ -148,7 +148,7 @@ std::string MethodHelp(std::span<const std::string_view> others) {
        {"ensemble", "ensemble halts when five policies disagree"},
        {"dart", "dart learns from demonstrations with injected noise"},
        {"dagger", "dagger asks the supervisor while it learns"},
-       {kTrueJacobian, "finite-difference and true-jacobian are oracles that know the plant"}}};
+       {kTrueJacobian, "finite-difference and true-jacobian are oracles that use the plant"}}};
   std::string meanings;
   for (const auto& [method, meaning] : kMeanings) {
     if (std::ranges::count(others, method) == 0) continue;

@@ -190,7 +190,7 @@ void NearestNeighbourPolicy::Control(int t, std::span<const double> x,
     core::AsVector(u) += controls_.row(row).transpose();
     ++count;
   }
-  // A nonfinite state has no neighbour.
+  // A non-finite state has no neighbour.
   for (double& entry : u) {
     entry =
         count > 0 ? std::clamp(entry / count, -1.0, 1.0) : std::numeric_limits<double>::quiet_NaN();

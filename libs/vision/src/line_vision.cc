@@ -60,7 +60,7 @@ bool OnOneLine(const std::vector<internal::MarkSighting>& sightings) noexcept {
     const Eigen::Vector2d d = s.on_target.head<2>() - mean;
     scatter += d * d.transpose();
   }
-  // If the eigenvalues differ much, determinant / trace^2 approximates their ratio.
+  // If the eigenvalues differ greatly, determinant / trace^2 approximates their ratio.
   const double trace = scatter.trace();
   return !(scatter.determinant() > 0.01 * trace * trace);
 }

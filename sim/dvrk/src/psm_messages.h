@@ -12,7 +12,7 @@
 /// Converts poses and joints to a console's messages, and back.
 namespace dfr::sim::internal {
 
-/// All motion data that is published for one time.
+/// All motion data published for one time.
 struct Snapshot {
   double due_s = 0.0;
   dds::JointState measured_js;
@@ -51,7 +51,7 @@ Eigen::Isometry3d Transform(const Message& message) {
   return pose;
 }
 
-/// Return the goal of a message; NaN if the message has the wrong number of joint values.
+/// Returns the goal of a message; NaN if the message has the wrong number of joint values.
 [[nodiscard]] kinematics::PsmJoints JointGoal(const dds::JointState& message);
 [[nodiscard]] double JawGoal(const dds::JointState& message);
 

@@ -60,8 +60,9 @@ class RopePlant final : public Cloned<RopePlant> {
   }
 };
 
-// A point follows a figure eight within a corridor. It passes the middle twice, on crossing paths.
-// State: point(2), heading(2), a mean of the last motions. Hidden: the position along the figure.
+// A point follows a figure eight within a corridor. The point passes the middle twice, on crossing
+// paths. State: point(2), heading(2), a mean of the last motions. Hidden: the position along the
+// figure.
 class EightPlant final : public Cloned<EightPlant> {
   static constexpr double kBegin = -0.5;
   static constexpr double kEnd = std::numbers::pi + 0.9;
@@ -124,8 +125,8 @@ class EightPlant final : public Cloned<EightPlant> {
   [[nodiscard]] bool Done() const noexcept override { return x(4) >= kEnd; }
 };
 
-// A point crosses a lane on which a shuttle moves to and fro with a random phase. State: point(2),
-// shuttle(2) as position along the lane and speed. Hidden: the phase.
+// A point crosses a lane on which a shuttle moves back and forth with a random phase. State:
+// point(2), shuttle(2) as position along the lane and speed. Hidden: the phase.
 class CrossingPlant final : public Cloned<CrossingPlant> {
   static constexpr double kLane = 0.5;       // x
   static constexpr double kAmplitude = 0.5;  // amplitude of the shuttle's y

@@ -222,7 +222,7 @@ PsmJoints LineTrackingPlant::true_joints() const noexcept {
   return world_->arm_error.Truth(state_->reading, state_->drift());
 }
 
-// Moves joints and platform to the values in the state. Must be called after every change of the
+// Moves the joints and the platform to the values in the state. Call it after every change of the
 // state.
 void LineTrackingPlant::Place() noexcept {
   const PlatformPose& platform = state_->platform;
@@ -292,7 +292,7 @@ void LineTrackingPlant::Drive(const PsmJoints& reading, double dt_s, bool platfo
 }
 
 void LineTrackingPlant::Rest(const PsmJoints& reading) noexcept {
-  // The lags of arm and platform decay while the disturbance is constant.
+  // The lags of the arm and the platform decay while the disturbance is constant.
   State& s = *state_;
   s.reading = reading;
   const DisturbanceOptions& disturbance = world_->options.disturbance;

@@ -93,8 +93,8 @@ bool CouldTouch(const PusherPlant::World& world, const Arm& arm, const Segment& 
 }
 
 // Returns the largest distance between a point on a part's axis in pose `a` and the same point in
-// pose `b`. It is at an end, because the distance is convex along the axis. (Turning a capsule
-// about its axis does not move it.)
+// pose `b`. The largest distance is at an end, because the distance is convex along the axis.
+// (Turning a capsule about its axis does not move it.)
 double MaxMotion(const PusherPlant::World& world, const Arm& a, const Arm& b,
                  std::size_t first_part) noexcept {
   double squared = 0.0;

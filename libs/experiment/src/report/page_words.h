@@ -36,7 +36,7 @@ class PageWords {
   [[nodiscard]] static std::vector<EpisodeFilter> FiltersOf(
       const Contrast& contrast, const std::vector<std::string>& outcomes = {});
   /// Returns the filter for the start states from which only the method collides, or only its
-  /// reference if `reference`.
+  /// reference if `reference` is true.
   [[nodiscard]] static EpisodeFilter OnlyCollided(const Contrast& contrast, bool reference);
   /// Returns the recommendation about the contrast's method, compared with the reference.
   [[nodiscard]] ReportJudgement Judge(const Contrast& contrast) const;

@@ -32,7 +32,7 @@ std::string Coordinate(double value) {
   return text.str();
 }
 
-// Returns the smallest of 1, 2, 2.5, 5 times a power of ten that gives at most `most` steps.
+// Returns the smallest step, 1, 2, 2.5 or 5 times a power of ten, that gives at most `most` steps.
 double NiceStep(double range, int most) {
   const double raw = range / most;
   const double power = std::pow(10.0, std::floor(std::log10(raw)));

@@ -190,7 +190,7 @@ class RobomimicWriter::File {
  private:
   // libhdf5 changes a list in several writes. A kill between them leaves an unreadable list.
   // Therefore the episode's data reach the disk first, then its name in one list, then its name in
-  // the other, then their numbers. One of the lists is intact at any time.
+  // the other, then the counts. One of the lists is intact at any time.
   void Finish(const std::string& name) {
     file_.Flush();
     file_.LinkNewGroup(std::string(Hdf5File::kSecondList) + "/" + name);

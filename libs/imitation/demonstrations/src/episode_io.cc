@@ -32,8 +32,8 @@ constexpr char kActions[] = "actions";
 // circular link.
 constexpr int kDeepest = 8;
 
-// Maximum number of groups and datasets of a part of an episode. Links make a small file's number
-// of paths exponential in the depth.
+// Maximum number of groups and datasets of a part of an episode. With links, the number of paths in
+// a small file can grow exponentially with the depth.
 constexpr int kMostObjects = 1 << 10;
 
 // Returns the key of a dataset (N, height, width) or (N, height, width, channels). The key's offset

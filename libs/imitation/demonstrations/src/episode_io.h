@@ -24,8 +24,8 @@ namespace dfr::imitation::internal {
 void CheckTrajectory(const core::Trajectory& trajectory, int state_dim, int control_dim,
                      int episode);
 
-/// Appends all trajectories of a set. Checks all of them before `create()` makes the writer, which
-/// replaces an existing file. Returns the writer.
+/// Appends all trajectories of a set. Checks all of them before it calls `create()`, which replaces
+/// an existing file. Returns the writer.
 template <typename Create>
 auto WriteAll(const DemonstrationSet& demonstrations, const Create& create) {
   const int state_dim = demonstrations.layout.state_dim();

@@ -350,7 +350,7 @@ class LeRobotReader final : public DemonstrationReader {
     return columns_.emplace(name, file.Read(part.row_group, name)).first->second;
   }
 
-  // Checks that the rows of an episode are in the order of time, if the files number the frames.
+  // Checks that the rows of an episode are in chronological order, if the files number the frames.
   void CheckOrder(int episode, const std::vector<Part>& parts) const {
     double before = -1.0;
     Eigen::Index frame = 0;

@@ -7,8 +7,8 @@
 namespace dfr::sim::internal {
 namespace {
 
-/// A supervisor's way to the goal, and its probability. SupervisorVariation::offset shifts the
-/// points sideways. Close to the end, the supervisor aims at the goal itself.
+/// A supervisor's route to the goal, and the probability of the route. SupervisorVariation::offset
+/// shifts the points sideways. Close to the end, the supervisor aims at the goal itself.
 struct Route {
   double probability;
   std::vector<Point> points;

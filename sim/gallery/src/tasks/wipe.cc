@@ -13,9 +13,9 @@ constexpr double kWipes = 0.2;      // minimum force with which the tool wipes
 constexpr double kSkip = 0.03;      // maximum step between wiped points
 constexpr double kLength = 0.6;
 
-// A tool wipes a bent surface along x. The state includes the force, but neither the height nor the
-// slope of the surface. State: tool(2), force(1), wiped(1), the end of the wiped part; hidden: the
-// surface's offset and slope.
+// A tool wipes a curved surface along x. The state includes the force, but neither the height nor
+// the slope of the surface. State: tool(2), force(1), wiped(1), the end of the wiped part; hidden:
+// the surface's offset and slope.
 class WipePlant final : public Cloned<WipePlant> {
  public:
   WipePlant() : Cloned({{"tool", 0, 2}, {"force", 0, 1}, {"wiped", 0, 1}}, 2, 2) {}

@@ -69,7 +69,7 @@ class SceneData {
 inline constexpr double kLineWidth = 0.0015;      ///< m
 inline constexpr double kLineHalfLength = 0.032;  ///< m; the line is drawn for |x| below this
 
-/// Draws gauze and line on the texture of `model`, a copy of the scene's model.
+/// Draws the gauze and the line on the texture of `model`, a copy of the scene's model.
 void DrawGauze(const SceneModel& scene, const GauzeLine& line, bool with_line, mjModel_& model);
 
 }  // namespace dfr::sim::internal

@@ -46,7 +46,7 @@ class EmergencyStopButton {
   /// Releases the button. Stopped robots stay stopped until an operator restarts them.
   void Release(std::int64_t wall_ns = Stamp::Now().nanoseconds()) noexcept;
   [[nodiscard]] bool pressed() const noexcept { return pressed_; }
-  /// Returns the number of robots that are listening.
+  /// Returns the number of listening robots.
   [[nodiscard]] int num_listeners() const noexcept { return publisher_.num_subscribers(); }
 
   static constexpr double kBeat_s = 0.02;  ///< 50 times per second.
@@ -84,7 +84,7 @@ class EmergencyStopJudge {
   void Acknowledge() noexcept;
   /// Returns the number of buttons heard over DDS and not forgotten.
   [[nodiscard]] int num_buttons() const noexcept { return over_dds_.size; }
-  /// True if, at the last Check(), the datagrams were silent but DDS messages arrived.
+  /// True if the last Check() found silence on the datagram path only.
   [[nodiscard]] bool only_datagrams_silent() const noexcept { return only_datagrams_silent_; }
 
  private:
@@ -138,7 +138,7 @@ class EmergencyStopReceiver {
   void Acknowledge() noexcept { judge_.Acknowledge(); }
   /// Returns the number of buttons heard over DDS and not forgotten.
   [[nodiscard]] int num_buttons() const noexcept { return judge_.num_buttons(); }
-  /// True if, at the last Check(), the datagrams were silent but DDS messages arrived.
+  /// True if the last Check() found silence on the datagram path only.
   [[nodiscard]] bool only_datagrams_silent() const noexcept {
     return judge_.only_datagrams_silent();
   }

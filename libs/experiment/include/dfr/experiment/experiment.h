@@ -49,7 +49,7 @@ struct ExperimentResult {
   Summary summary;
 };
 
-/// Exclusive lock of a folder by one process, until destruction or the end of the process.
+/// Exclusive lock on a folder, held by one process until destruction or the end of the process.
 class OutputFolder {
  public:
   /// Creates the folder options.out unless this path is empty. Removes the ledger and the results

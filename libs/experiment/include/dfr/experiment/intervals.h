@@ -13,8 +13,8 @@ struct Interval {
   double high = 0.0;
 };
 
-/// Wilson's score interval for a proportion of `successes` in `trials` independent trials. It is
-/// short, and its coverage is correct on average over the unknown proportion.
+/// Wilson's score interval for a proportion of `successes` in `trials` independent trials. The
+/// interval is short, and its coverage is correct on average over the unknown proportion.
 /// @throws std::invalid_argument unless trials > 0, 0 <= successes <= trials and confidence lies in
 ///   (0, 1). The functions below check these arguments as well.
 [[nodiscard]] Interval WilsonInterval(int successes, int trials, double confidence = 0.95);

@@ -41,8 +41,8 @@ struct LedgerContents {
 /// another format version, or is damaged.
 [[nodiscard]] LedgerContents ReadLedger(const std::filesystem::path& path);
 
-/// Returns the first difference of two headers that affects results, such as "seed is 3 there and 4
-/// now"; empty if the ledgers may be merged. Shards may differ.
+/// Returns the first difference between two headers that affects results, such as "seed is 3 there
+/// and 4 now"; empty if the ledgers may be merged. Shards may differ.
 [[nodiscard]] std::string Difference(const LedgerHeader& there, const LedgerHeader& now);
 
 /// Returns the plan's units in the order of Evaluate()'s results.

@@ -18,12 +18,12 @@ struct EpisodeCredit {
   [[nodiscard]] double operator()(core::Outcome outcome, double progress) const noexcept;
 };
 
-/// Sequential test for a difference between two methods, from pairs of episodes. It may be
+/// Sequential test for a difference between two methods, from pairs of episodes. The test may be
 /// evaluated after every pair: the error bound holds for any stopping time (Ville, 1939).
 ///
-/// It bets that the mean difference of credits d in [-1, 1] is not zero (Waudby-Smith and Ramdas,
-/// JRSS B 2024). Its wealth is the mean, over the stakes +-.1, ..., +-.9, of the product of 1 +
-/// stake d over all pairs. If the mean of each d, given all earlier ones, is zero, wealth is a
+/// The test bets that the mean difference of credits d in [-1, 1] is not zero (Waudby-Smith and
+/// Ramdas, JRSS B 2024). Its wealth is the mean, over the stakes +-.1, ..., +-.9, of the product of
+/// 1 + stake d over all pairs. If the mean of each d, given all earlier ones, is zero, wealth is a
 /// martingale that starts at 1, and reaches 1 / alpha with probability at most alpha. Start states
 /// are independent, so the condition holds for methods that do not differ in any trial.
 class SequentialTest {

@@ -17,8 +17,8 @@ namespace dfr::imitation::internal {
 /// Hdf5File for untrusted files. libhdf5 does not validate its input: some files crash it or make
 /// it loop forever. This class therefore runs it in a separate process. An early end of that
 /// process becomes an ordinary error. The process cannot open further files. The core::ReadBudget
-/// of the file's size limits its memory. Its CPU time per answer is at most 2 s plus 1 s per 20 MB
-/// of the file.
+/// of the file's size limits the memory of the process. Its CPU time per answer is at most 2 s plus
+/// 1 s per 20 MB of the file.
 ///
 /// The functions are those of Hdf5File. All throw std::runtime_error naming the file, object and
 /// reason. Each object belongs to one thread.

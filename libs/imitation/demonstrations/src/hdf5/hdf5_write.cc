@@ -56,8 +56,8 @@ Hdf5File Hdf5File::Create(const std::filesystem::path& path, bool track_order) {
   return file;
 }
 
-// If `hold`, keeps object metadata in the cache. Otherwise libhdf5 writes them in any order when
-// the cache is full, and after a kill the file would refer to data that were never written.
+// If `hold` is true, keeps object metadata in the cache. Otherwise libhdf5 writes them in any order
+// when the cache is full, and after a kill the file would refer to data that were never written.
 void Hdf5File::HoldMetadata(bool hold) {
   H5AC_cache_config_t config{};
   config.version = H5AC__CURR_CACHE_CONFIG_VERSION;
@@ -90,7 +90,8 @@ void Hdf5File::WriteBlock(const std::string& path, std::int64_t type,
   std::vector<hsize_t> most = now;
   const Hdf5Handle properties(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
   if (growable) {
-    // An episode's rows are read together and form one chunk of at most 1 MiB, libhdf5's cache.
+    // An episode's rows are read together and form one chunk of at most 1 MiB, the size of
+    // libhdf5's cache.
     constexpr hsize_t kChunkBytes = 1 << 20;
     std::vector<hsize_t> chunk = now;
     hsize_t row_bytes = H5Tget_size(type);

@@ -123,7 +123,7 @@ PageHeader ReadPageHeader(Bytes& bytes) {
   return header;
 }
 
-// Converts a number of IEEE 754's binary16.
+// Converts an IEEE 754 binary16 number.
 double HalfToDouble(std::uint16_t bits) {
   const double sign = (bits & 0x8000) != 0 ? -1.0 : 1.0;
   const int exponent = (bits >> 10) & 0x1f;

@@ -90,7 +90,7 @@ class Trpo {
   /// @throws std::invalid_argument naming the option out of range.
   explicit Trpo(Environment& environment, TrpoOptions options = {});
 
-  /// Continues from a checkpoint as if never interrupted, to the last bit. The environment may
+  /// Continues from a checkpoint, bit-identically to an uninterrupted run. The environment may
   /// differ but must have the same layout, for example to continue on a harder task.
   /// @throws std::runtime_error naming the file and the problem.
   static Trpo Resume(Environment& environment, const std::filesystem::path& checkpoint);

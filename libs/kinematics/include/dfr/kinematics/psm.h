@@ -74,7 +74,8 @@ class Psm {
 
 /// Systematic error of the arm's joint readings. The true joint values are
 ///   q + offset + scale * (q - reference),
-/// entry by entry. Cable stretch and potentiometer drift cause it; a calibration estimates it.
+/// entry by entry. Cable stretch and potentiometer drift cause this error; a calibration estimates
+/// it.
 struct PsmCorrection {
   PsmJoints offset = PsmJoints::Zero();
   PsmJoints scale = PsmJoints::Zero();

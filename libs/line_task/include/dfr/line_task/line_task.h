@@ -13,7 +13,7 @@
 
 namespace dfr::line_task {
 
-/// Calibration of camera and arm, used by vision and control.
+/// Calibration of the camera and the arm, used by vision and control.
 struct LineCalibration {
   vision::CameraModel camera;
   Eigen::Isometry3d p_base_cam =
@@ -33,9 +33,9 @@ struct LineCalibration {
 /// Returns the marks and sizes of the gauze and its frame, as printed.
 [[nodiscard]] vision::LineTarget StandardTarget();
 
-/// The line tracking task of the paper's Sec. V-B, independent of arm and camera: the mapping from
-/// images to states and from controls to arm motions. Simulation and robot share it, which makes
-/// learned models transferable between them.
+/// The line tracking task of the paper's Sec. V-B, independent of the arm and the camera: the
+/// mapping from images to states and from controls to arm motions. The simulation and the robot
+/// share this mapping, which makes learned models transferable between them.
 ///
 /// World frame: the gauze's frame at rest; origin at its centre, z up, the line roughly along x.
 ///

@@ -39,7 +39,7 @@ struct ControlLoopOptions {
   double max_drift = 2.5;
   double drift_noise = 0.3;
   double drift_share = 0.5;
-  double drift_stretch = 10.0;  ///< Maximum length of a sum of motions that is compared, > 0.
+  double drift_stretch = 10.0;  ///< Maximum length of the compared sums of motions, > 0.
   /// Maximum change, during one motion, of a state entry that Motion::change does not predict, in
   /// addition to the motion's length. A larger change means that the target moves faster than a
   /// controller can follow.

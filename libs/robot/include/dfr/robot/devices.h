@@ -57,7 +57,7 @@ class Manipulator {
   /// reason why an armed arm must hold, or the reason that prevents arming.
   [[nodiscard]] virtual Finding Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept = 0;
   /// True if the only problem found by the last Tick() is that the arm is not powered or not homed.
-  /// Home() fixes that.
+  /// Home() corrects this.
   [[nodiscard]] virtual bool needs_homing() const noexcept = 0;
   /// Starts to power up and home the arm, or returns the reason for a refusal. The arm moves.
   [[nodiscard]] virtual Finding Home() noexcept = 0;
@@ -110,7 +110,7 @@ class EmergencyStop {
   virtual void Acknowledge() noexcept = 0;
 };
 
-/// Moves the target. Rests unless commanded to move, and stops when commanded.
+/// Moves the target. The platform rests unless commanded to move, and stops when commanded.
 class Platform {
  public:
   virtual ~Platform() = default;
@@ -133,7 +133,8 @@ class Recorder {
   virtual ~Recorder() = default;
 
   virtual void Write(const runtime::Transition& transition, std::int64_t wall_ns) noexcept = 0;
-  /// Called once per period with the findings of arm and emergency stop and the loop's state.
+  /// Called once per period with the findings of the arm and the emergency stop, and the loop's
+  /// state.
   virtual void Period(const Finding& /*arm*/, const Finding& /*stop*/, runtime::RunState /*state*/,
                       std::int64_t /*wall_ns*/) noexcept {}
   /// True if recording is no longer possible.

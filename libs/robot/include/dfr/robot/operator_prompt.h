@@ -29,7 +29,7 @@ class OperatorPrompt {
   /// if interrupted.
   [[nodiscard]] bool Confirms(ControlLoop& loop, std::string_view question, std::string_view word);
   /// Asks the operator to do `task`, for example "Put the tip over the line's beginning", and
-  /// returns true if the next episode may begin. After a regular end Enter suffices. After any
+  /// returns true if the next episode may begin. After a regular end, Enter suffices. After any
   /// other reason to hold, the operator must type `start`. A fault, or a stop that was pressed or
   /// is silent, first requires `clear`. The question names each press that `clear` confirms.
   [[nodiscard]] bool AllowsEpisode(ControlLoop& loop, const std::string& task);

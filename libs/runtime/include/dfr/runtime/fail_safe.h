@@ -79,8 +79,8 @@ struct FailSafeOptions {
 ///   Done()   running, recovering -> idle: the task is completed
 ///   Clear()  faulted -> idle, if there was no reason to hold for settle_time_s
 ///
-/// In every period, the loop first calls Tick(), then Hold() for each reason found. It moves the
-/// robot only if may_move(). A late loop is a reason to hold.
+/// In every period, the loop first calls Tick(), then Hold() for each reason found. The loop moves
+/// the robot only if may_move(). A late loop is a reason to hold.
 ///
 /// Only the constructor may allocate, lock or throw. One object belongs to one thread.
 class FailSafe {

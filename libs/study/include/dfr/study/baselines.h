@@ -92,9 +92,9 @@ class EnsemblePolicy final : public core::Policy {
     const Expert& teaching, const core::Policy& learned,
     std::span<const core::Trajectory> demonstrations, int horizon);
 
-/// An oracle: a one-step filter that knows the plant. It tries the policy's control on a copy of
-/// the plant. If the result is outside guided recovery's support (l < 0), it changes the control by
-/// the least amount that restores l = 0. The change is along the gradient of l, mapped by the true
+/// An oracle: a one-step filter that uses the plant. It tries the policy's control on a copy of the
+/// plant. If the result is outside guided recovery's support (l < 0), it changes the control by the
+/// least amount that restores l = 0. The change is along the gradient of l, mapped by the true
 /// Jacobian of the state with respect to the control (finite differences on the copy). Halts
 /// (kOutsideSupport) if the changed control still leads to l < -Levels::slack(), and after
 /// `horizon` controls. Borrows all arguments.

@@ -76,7 +76,8 @@ struct MethodName {
 /// Creates the controllers of one task by the names of their methods.
 class ControllerFactory {
  public:
-  /// Borrows `task`, `learned` and `demonstrations`, which must outlive this and its controllers.
+  /// Borrows `task`, `learned` and `demonstrations`, which must outlive this object and its
+  /// controllers.
   ControllerFactory(const FittedTask& task, const core::Policy& learned,
                     const core::StateLayout& layout,
                     std::span<const core::Trajectory> demonstrations, Expert teaching = {})

@@ -43,7 +43,7 @@ class Detector {
     std::string_view name, const FittedTask& fit, const imitation::DemonstrationSet& demonstrations,
     std::uint64_t seed);
 
-/// Scores of an episode, and whether it failed.
+/// Scores of an episode, with a failure flag.
 struct ScoredEpisode {
   std::vector<double> scores;
   bool failed = false;

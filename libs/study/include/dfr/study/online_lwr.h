@@ -37,7 +37,7 @@ class OnlineLwrPolicy final : public core::Policy {
   void Reset() noexcept;
   /// Reports that state `x` follows the last applied control.
   void See(std::span<const double> x) noexcept;
-  /// Writes a control, clipped to +-1; NaN in a nonfinite state or without a demonstrated control.
+  /// Writes a control, clipped to +-1; NaN in a non-finite state or without a demonstrated control.
   void Control(int t, std::span<const double> x, std::span<double> u) const noexcept override;
   /// Reports that control `u` is applied in the state of the last See().
   void Applied(std::span<const double> u) noexcept;

@@ -35,7 +35,7 @@ inline constexpr std::string_view kJudged = "guard";
 /// @throws std::invalid_argument as ParseMethod() does.
 [[nodiscard]] safety::Method ParseCompared(
     std::string_view method, std::span<const std::string_view> others = kOtherMethods);
-/// @throws std::invalid_argument if `methods` contain a placebo without kJudged around the same
+/// @throws std::invalid_argument if `methods` contains a placebo without kJudged around the same
 /// policy.
 void CheckPlacebos(std::span<const std::string> methods);
 
@@ -49,7 +49,7 @@ class Placebo final : public control::Controller {
   /// @param alone     The policy alone.
   /// @param nominal   Replacement of the policy's control: the demonstrated action. Null: the
   ///   episode halts instead.
-  /// @param distance  Distance of two controls, for Step::change.
+  /// @param distance  Distance between two controls, for Step::change.
   Placebo(std::unique_ptr<control::Controller> alone, std::shared_ptr<const core::Policy> nominal,
           Distance distance);
   [[nodiscard]] int state_dim() const noexcept override { return alone_->state_dim(); }

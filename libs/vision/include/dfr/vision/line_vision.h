@@ -42,8 +42,8 @@ struct LineVisionOptions {
   /// Pose of the target at rest, in the camera's frame. A detected mark is assigned to the nearest
   /// mark in this pose.
   Eigen::Isometry3d p_cam_target = Eigen::Isometry3d::Identity();
-  /// Maximum displacement of the target from p_cam_target. A larger one indicates the intrinsics of
-  /// another camera: a wrong focal length appears as a wrong distance.
+  /// Maximum displacement of the target from p_cam_target. A larger displacement indicates the
+  /// intrinsics of another camera: a wrong focal length appears as a wrong distance.
   double max_motion_m = 0.03;
   double min_confidence = 0.3;  ///< Minimum confidence of a result.
 };

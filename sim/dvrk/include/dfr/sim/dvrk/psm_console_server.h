@@ -77,7 +77,7 @@ class PsmConsoleServer {
   void PublishEvents();
 
   /// Waits until the subscribers have received all published messages about events: status,
-  /// warning, error and operating_state. Waits `timeout_s` at most for each of these topics.
+  /// warning, error and operating_state. Waits at most `timeout_s` for each topic.
   /// @returns false on a timeout.
   bool WaitUntilReceived(double timeout_s) noexcept;
   /// Number of subscribers to status.

@@ -25,7 +25,7 @@ class Canvas {
   /// Paints a line with round ends, twice `half_width` wide.
   void Segment(double x0, double y0, double x1, double y1, double half_width,
                const Colour& colour) noexcept;
-  /// Paints a box around (x, y), turned by `angle` in rad.
+  /// Paints a box around (x, y), rotated by `angle`, rad.
   void Box(double x, double y, double half_x, double half_y, double angle,
            const Colour& colour) noexcept;
 

@@ -8,14 +8,15 @@
 
 namespace dfr::sim {
 
-/// Returns the prior knowledge before a calibration: the manufacturer's data of lens and mounting,
-/// without distortion and with errors of a few millimetres and degrees, and an arm without
-/// correction.
+/// Returns the prior knowledge before a calibration: the manufacturer's data for the lens and the
+/// mounting, without distortion and with errors of a few millimetres and degrees, and an arm
+/// without correction.
 [[nodiscard]] line_task::LineCalibration NominalCalibration();
 
-/// Moves platform and arm through `frames` random poses, and leaves the plant in the last pose. The
-/// tip touches the gauze in every other pose. Records joints and features of the endoscope's view,
-/// found with NominalCalibration() only. Omits poses in which the marks are not found.
+/// Moves the platform and the arm through `frames` random poses, and leaves the plant in the last
+/// pose. The tip touches the gauze in every other pose. Records joints and features of the
+/// endoscope's view, found with NominalCalibration() only. Omits poses in which the marks are not
+/// found.
 /// @throws std::invalid_argument unless frames > 0.
 [[nodiscard]] std::vector<vision::CalibrationFrame> RecordCalibrationMotion(
     LineTrackingPlant& plant, int frames, std::uint64_t seed);

@@ -42,7 +42,7 @@ class Endoscope {
   [[nodiscard]] std::size_t image_size() const noexcept;
 
   /// Writes the endoscope's picture to `bgr`, rows from the top.
-  /// @param pinhole_rgb  rendering of a pinhole camera at the same place, RGB, bottom row first.
+  /// @param pinhole_rgb  rendering of a pinhole camera with the same pose, RGB, bottom row first.
   /// @pre both have image_size() bytes.
   void Develop(std::span<const std::uint8_t> pinhole_rgb, const EndoscopeLight& light,
                std::uint64_t noise_seed, std::span<std::uint8_t> bgr) const;

@@ -74,8 +74,8 @@ struct LineTrackingTruth {
 ///   tip(2)       the tool's tip, x and y in the world frame
 ///   distance(1)  from the line to the tip in the gauze's plane, positive to the left (+y)
 ///   heading(1)   direction of the line next to the tip: 10 mm times its angle to the x-axis, rad
-/// All entries are NaN if vision does not find line and tip in three consecutive pictures; every
-/// controller then halts.
+/// All entries are NaN if vision does not find the line and the tip in three consecutive pictures;
+/// every controller then halts.
 ///
 /// Control (2): displacement of the tool in x and y, in units of kStep = 2 mm. The height above the
 /// table stays as commanded. Entries beyond +-1 saturate. The plant rejects a control of another
@@ -123,8 +123,8 @@ class LineTrackingPlant final : public core::SimulatedPlant {
   [[nodiscard]] const LineTrackingOptions& options() const noexcept;
   [[nodiscard]] const line_task::LineCalibration& calibration() const noexcept;
 
-  /// Samples line, disturbance and light, and places the tip over the start of the line, with the
-  /// platform at home.
+  /// Samples the line, the disturbance and the light, and places the tip over the start of the
+  /// line, with the platform at home.
   void Reset(std::uint64_t seed) override;
   [[nodiscard]] core::PlantStatus Apply(std::span<const double> control) noexcept override;
   void Observe(std::span<double> state) const noexcept override;
@@ -176,7 +176,7 @@ class LineTrackingPlant final : public core::SimulatedPlant {
   /// Renders picture `number` since Reset(), for callers that count pictures themselves. The number
   /// determines light and noise; the first picture of Look() is 1.
   void RenderPicture(std::uint64_t number, std::span<std::uint8_t> bgr) const;
-  /// Renders arm and platform from outside, 640 x 480 RGB, rows from the top. May throw as
+  /// Renders the arm and the platform from outside, 640 x 480 RGB, rows from the top. May throw as
   /// RenderPicture().
   void RenderOutside(std::span<std::uint8_t> rgb) const;
   [[nodiscard]] const Endoscope& endoscope() const noexcept;
@@ -193,7 +193,7 @@ class LineTrackingPlant final : public core::SimulatedPlant {
   [[nodiscard]] static vision::LineTarget target();
 
   /// Returns the controls of an open-loop demonstration from the current state, one per row: steps
-  /// of `step_m` along the line as drawn, planned now without later observation.
+  /// of `step_m` along the line as drawn, planned once, without later observations.
   [[nodiscard]] core::Matrix OpenLoopControls(int steps, double step_m) const;
 
  private:

@@ -30,7 +30,7 @@ enum class PusherPhysics {
 /// Options for PusherPlant. Defaults are the experiment's scene. Lengths are in metres.
 struct PusherOptions {
   Gripper gripper = Gripper::kBar;
-  /// The red regions are at y = +-red_y; in (0.1, 0.3], because the cylinder has to fit between
+  /// The red regions are at y = +-red_y. In (0.1, 0.3], because the cylinder has to fit between
   /// them. Supervisors are trained with a narrower gate than in the evaluation, which gives their
   /// demonstrations a margin.
   double red_y = 0.15;
@@ -103,8 +103,8 @@ struct PusherStatistics {
 /// reach that far.) The regions are posts of radius 0.06 m, 0.1 m high with a rounded top.
 ///
 /// The next state is a function of the current state and the control. There is no other solver
-/// state: a clone, or a plant that reached the same state in another way, continues bit for bit
-/// identically.
+/// state: a clone, or a plant that reached the same state in another way, continues with
+/// bit-identical states.
 ///
 /// Each object belongs to one thread; clones share only the immutable model.
 class PusherPlant final : public core::SimulatedPlant {
@@ -129,7 +129,7 @@ class PusherPlant final : public core::SimulatedPlant {
   /// with core::Random(seed).
   void Reset(std::uint64_t seed) override;
 
-  /// Sets arm and cylinder to an observed `state` (its qpos and object entries), at rest.
+  /// Sets the arm and the cylinder to an observed `state` (its qpos and object entries), at rest.
   /// collided() then refers to that state alone. For replays and tests.
   /// @throws std::invalid_argument if the size is wrong, an entry is not finite, or a joint is
   ///   outside its limits.
