@@ -60,9 +60,9 @@ struct ClusterCount {
 ///   in (0.5, 1) and confidence in (0, 1), or if the number exceeds an int.
 [[nodiscard]] int EpisodesForDifference(double only_first, double only_second, double power = 0.8,
                                         double confidence = 0.95);
-/// Returns the number of independent episodes without an event that shows, by
-/// ClopperPearsonInterval(), an event rate below `bound`. @throws std::invalid_argument unless
-/// bound and confidence lie in (0, 1), or if the number exceeds an int.
+/// Returns the number of independent episodes, all without an event, that show an event rate below
+/// `bound` by ClopperPearsonInterval(). @throws std::invalid_argument unless bound and confidence
+/// lie in (0, 1), or if the number exceeds an int.
 [[nodiscard]] int EpisodesForBound(double bound, double confidence = 0.95);
 
 /// Numbers of pairs in one cluster in which exactly one of two methods fails.

@@ -36,8 +36,8 @@ struct DvrkSceneServerOptions {
 ///   reset SEED          the next episode: DvrkScene::Reset(). "ok NOW"
 ///   truth               "ok COMPLETED COLLIDED PROGRESS_M DISTANCE_M TIP_X TIP_Y TIP_Z", flags as
 ///                       0 or 1, the tip in the world frame, m
-///   arm                 "ok NAME", the name of the console's arm fault NAME VALUE    any of
-///   ConsoleFaults; camera none|frozen|black|overexposed|no_line|no_tip|
+///   arm                 "ok NAME", the name of the console's arm
+///   fault NAME VALUE    any of ConsoleFaults; camera none|frozen|black|overexposed|no_line|no_tip|
 ///                       silent|frozen_noisy|late; platform M_PER_S; unheard hold|free; arm_fault
 ///                       REASON; none (ends all except arm_fault and unheard). "ok"
 /// and in lock-step:

@@ -49,7 +49,7 @@ struct LineTrackingOptions {
   DisturbanceOptions disturbance;
   ArmErrorOptions arm;
   EndoscopeOptions endoscope;
-  std::uint64_t platform_seed = 1;  ///< Identifies the platform: its positioning error.
+  std::uint64_t platform_seed = 1;  ///< Seed of the platform's positioning error.
   /// Maximum curvature of a line, 1/mm. Half of the lines are straight.
   double max_curvature = 1.0 / 150.0;
   double start_scatter_m = 6e-4;  ///< Standard deviation of the tip's initial distance to the line.
