@@ -13,7 +13,7 @@ namespace {
 
 constexpr Eigen::Index kMostPoints = 1000;  // per line: recoveries can have thousands of controls
 
-// Returns the states to draw: every stride-th one, and the last.
+// Returns the indices of the states to draw: every stride-th state, and the last.
 std::vector<Eigen::Index> Drawn(const FilmedEpisode& episode) {
   const Eigen::Index stride = episode.states.rows() / kMostPoints + 1;
   std::vector<Eigen::Index> rows;

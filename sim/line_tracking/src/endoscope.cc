@@ -74,8 +74,8 @@ std::shared_ptr<const Endoscope::Tables> Endoscope::MakeTables(const vision::Cam
 
 Endoscope::Endoscope(const vision::CameraModel& camera) : camera_(camera) {
   camera_.Check();
-  // A process makes many plants with the same camera. Computing the camera's tables takes longer
-  // than making the rest of a plant.
+  // A process creates many plants with the same camera. Computing the camera's tables takes longer
+  // than creating the rest of a plant.
   static std::mutex mutex;
   static vision::CameraModel last;
   static std::shared_ptr<const Tables> tables_of_last;

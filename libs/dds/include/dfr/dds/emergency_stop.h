@@ -133,8 +133,8 @@ class EmergencyStopReceiver {
   /// @param wall_ns  the system time, used to reject old datagrams.
   EmergencyStop Check(std::int64_t steady_ns,
                       std::int64_t wall_ns = Stamp::Now().nanoseconds()) noexcept;
-  /// Confirms that the operator has noticed the stop and the absence of buttons. Forgets buttons
-  /// that are silent now. No effect on buttons that are still pressed.
+  /// Confirms that the operator has noticed the stop and any missing buttons. Forgets buttons that
+  /// are silent now. No effect on buttons that are still pressed.
   void Acknowledge() noexcept { judge_.Acknowledge(); }
   /// Returns the number of buttons heard over DDS and not forgotten.
   [[nodiscard]] int num_buttons() const noexcept { return judge_.num_buttons(); }

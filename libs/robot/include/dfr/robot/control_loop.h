@@ -137,7 +137,7 @@ class ControlLoop {
   [[nodiscard]] runtime::HoldReason blocking() const noexcept { return machine_.blocking(); }
   [[nodiscard]] std::string blocking_words() const;
   /// Returns true from a press of the emergency stop to Clear(), even if another reason to hold
-  /// hides the press. Tell the operator of the press before Clear().
+  /// hides the press. Inform the operator of the press before Clear().
   [[nodiscard]] bool stop_pressed() const noexcept { return stop_pressed_; }
 
  private:

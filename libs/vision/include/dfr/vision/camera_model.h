@@ -19,7 +19,7 @@ struct CameraModel {
   std::array<double, 5> distortion = {};
 
   /// @throws std::invalid_argument naming the invalid parameter: sizes and focal lengths must be
-  ///   positive, all entries finite.
+  ///   positive, and all entries must be finite.
   void Check() const;
 
   /// Maps normalised image coordinates (x/z, y/z) to a pixel.

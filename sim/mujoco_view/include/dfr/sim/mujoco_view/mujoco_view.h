@@ -45,7 +45,7 @@ class MujocoRenderer {
   /// Same as Draw(), but in OpenGL's order: bottom row first. Avoids a copy.
   void DrawBottomUp(const mjData_& data, std::span<std::uint8_t> rgb);
 
-  /// Uploads the model's current pixels of a texture.
+  /// Uploads the current pixels of a texture of the model.
   void UploadTexture(int texture);
   /// Sets whether geoms of `group` (0 to 5) are drawn. Initially groups 0 to 2 are drawn.
   void ShowGroup(int group, bool visible);
