@@ -41,7 +41,7 @@ inline const CLI::Validator kNotNegative(
     [](const std::string& text) { return core::MustNotBeNegative(text); }, "NONNEGATIVE");
 
 /// Returns the check of a share or a probability. `interval` is "[0, 1]" or "(0, 1]", for example;
-/// a parenthesis excludes the end at which it stands.
+/// a parenthesis excludes that end.
 inline CLI::Validator ShareIn(const std::string& interval) {
   return {[interval](const std::string& text) {
             const std::optional<double> share = core::ParseNumber(text);
@@ -53,7 +53,7 @@ inline CLI::Validator ShareIn(const std::string& interval) {
           interval};
 }
 
-/// Range of shares and probabilities between 0 and 1, which excludes both.
+/// Open range (0, 1) of shares and probabilities.
 inline const CLI::Validator kShare = ShareIn("(0, 1)");
 
 /// For CLI::Option::transform(): converts one of `words` to its enumerator. Help and errors list
@@ -73,19 +73,18 @@ CLI::Validator OneOf(const std::map<std::string, T>& words) {
 }
 
 /// Runs `run(argc, argv)` as the program `name` and returns its exit code. Every main() is one call
-/// of this function. It differs from a call of `run` alone:
+/// of this function. It adds the following to `run`:
 /// - A write beyond the file size limit (ulimit -f) fails as on a full disk, instead of killing the
 ///   program by a signal.
-/// - Closed standard streams are opened to /dev/null. Otherwise the next file would get their
-///   number, and with it the program's messages.
-/// - An exception ends in a message and a failure, or for core::UnknownName a usage error. So does
-/// output that could not be written,
-///   for example to a full disk.
+/// - Closed standard streams are opened to /dev/null. Otherwise the next opened file would get the
+///   descriptor of a standard stream, and then the program's messages.
+/// - An exception causes a message and a failure or, if it is core::UnknownName, a usage error.
+///   Output that could not be written, for example to a full disk, also causes a failure.
 template <typename Run>
 int RunProgram(const char* name, int argc, char** argv, Run run) {
   static_cast<void>(std::signal(SIGXFSZ, SIG_IGN));
   for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO}) {
-    // open() takes the lowest free number: `stream`.
+    // open() returns the lowest free descriptor, here `stream`.
     if (::fcntl(stream, F_GETFD) < 0) static_cast<void>(::open("/dev/null", O_RDWR));
   }
   int code = EXIT_FAILURE;

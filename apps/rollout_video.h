@@ -74,8 +74,8 @@ class RolloutVideoRecorder final : public control::RolloutObserver {
 /// @throws std::runtime_error naming the file if it cannot be written or its ending is unknown.
 void WriteVideo(const std::filesystem::path& path, std::span<const RolloutVideo> videos);
 
-/// Draws one picture of width x height and encodes a test video beside `path`, to find before the
-/// work a fault that would stop WriteVideo(). @throws std::runtime_error naming the cause.
+/// Draws one picture of width x height and encodes a test video beside `path`. Finds faults that
+/// would stop WriteVideo() before any rollout runs. @throws std::runtime_error naming the cause.
 void CheckVideo(const std::filesystem::path& path, int width, int height,
                 const RolloutVideoRecorder::Draw& draw);
 

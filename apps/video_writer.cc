@@ -42,7 +42,7 @@ void VideoWriter::Write(const cv::Mat& picture) {
 }
 
 void VideoWriter::Check(const std::filesystem::path& path) {
-  // A pipe would keep the test video.
+  // A test video written to a pipe could not be removed.
   if (std::filesystem::exists(path) && !std::filesystem::is_regular_file(path)) return;
   const cv::Size size(64, 64);
   VideoWriter video(path, size, 10.0);

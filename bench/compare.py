@@ -11,8 +11,8 @@ folder, both are optimised as in a release, and --short only leaves out the time
 The comparison uses valgrind's counts of each operation's instructions. They repeat exactly, regardless of
 other load on the machine, and an increase by more than 5 % is a loss. Valgrind supports no AVX-512, and
 counted instructions do not show cache misses. The operations are therefore also timed, alternately and pinned to one
-core, and a longer measurement confirms a loss of time. --short measures no times: its result must not depend on
-other load on the machine. Valgrind's model of the caches is not used: after a mere change of addresses it reported a
+core, and a longer measurement confirms a loss of time. --short measures no times, because other load on the
+machine must not fail it. Valgrind's model of the caches is not used: after a mere change of addresses it reported a
 loss of 7 % that cost no time.
 
 --short first compares with bench/instructions.json, the counts that --record wrote. If each count is within
@@ -87,7 +87,7 @@ def read_counts(folder):
 
 
 def count(commands, pattern):
-    """Returns read_counts() of each command. Runs the commands in parallel, and ends them with this program."""
+    """Returns read_counts() of each command. Runs the commands in parallel, and ends them if this program ends."""
     environment = {"PATH": os.environ["PATH"]}  # the same on each machine
     with tempfile.TemporaryDirectory() as work:
         folders = [pathlib.Path(work) / str(number) for number in range(len(commands))]
@@ -210,7 +210,7 @@ def copy_changes(commit, tree):
         (tree / name).unlink(missing_ok=True)
         if (ROOT / name).exists():
             (tree / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy(ROOT / name, tree / name)  # has the time of the copy: ninja rebuilds it
+            shutil.copy(ROOT / name, tree / name)  # the copy has a new time, so ninja rebuilds the file
 
 
 def build_as_tested():

@@ -1,4 +1,4 @@
-"""A guard that sees pictures and nothing else: a disc goes through a gap of random height in a wall.
+"""A guard whose only input is pictures: a disc goes through a gap of random height in a wall.
 
 usage: guard_on_pixels.py [PICTURE [EPISODES]]
 

@@ -1,4 +1,4 @@
-"""Writes demonstrations of a task in robomimic's layout with h5py. Replace them with your robot's.
+"""Writes demonstrations of a task in robomimic's layout with h5py. Replace the task with your robot.
 
 usage: record_demonstrations.py FILE
 """

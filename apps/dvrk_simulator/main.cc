@@ -109,7 +109,7 @@ void AddScene(CLI::App& app, Options& options) {
          "stay in the base frame")
       ->group(group);
   app.add_option("--calibration", options.calibration,
-                 "calibration by which the operator puts the tip over the line: a file "
+                 "calibration with which the operator places the tip over the line: file "
                  "of\nline_tracking calibrate; by default the true camera and an uncorrected arm")
       ->group(group);
   auto& d = world.disturbance;
@@ -190,7 +190,7 @@ void AddFaults(CLI::App& app, Options& options) {
   flag("invalid", "set all stamps to zero");
   flag("corrupt", "publish NaN as positions");
   number("platform", "--platform-speed",
-         "speed of an additional motion across the line, 5 mm to and fro [m/s]")
+         "speed of an additional 5 mm motion back and forth across the line [m/s]")
       ->check(CLI::Range(0.0, 0.2));
   app.add_option_function<std::string>(
          "--camera-fault",

@@ -103,7 +103,7 @@ class LaggedFit {
   double count_ = 0.0;
 };
 
-// Statistics over all episodes. Memory holds one episode at a time, and all quaternions.
+// Statistics over all episodes. Stores one episode at a time, and all quaternions.
 class Collected {
  public:
   Collected(const core::StateLayout& layout, int action_dim)
@@ -214,7 +214,7 @@ class Collected {
   }
 
   void Alignment(Problems& problems) const {
-    // Actions explain best the changes of the entries that they move. Actions of neighbouring steps
+    // Actions best explain the changes of the entries that they move. Actions of neighbouring steps
     // must not explain these changes better.
     constexpr double kClearly = 0.1;
     const Eigen::VectorXd as_recorded = fits_[1].Shares();

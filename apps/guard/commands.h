@@ -12,7 +12,8 @@ namespace dfr::apps::guard {
 // One struct and one function per command. main.cc fills the struct and calls the function. All
 // functions throw std::exception with a message for the user.
 
-/// Prints like printf(), and replaces control characters, which a data set or guard may contain.
+/// Prints like printf(), and replaces control characters, which text from a data set or guard may
+/// contain.
 [[gnu::format(printf, 1, 2)]] void Print(const char* format, ...);
 
 struct CheckOptions {
@@ -40,7 +41,7 @@ struct FitOptions {
   std::filesystem::path out = "task.guard";
   std::string strategy = "guard";
   bool all = false;          ///< Include episodes that did not complete the task.
-  bool as_recorded = false;  ///< Use actions as recorded, although they look like positions.
+  bool as_recorded = false;  ///< Use actions as recorded, even if they look like positions.
   bool strict = false;       ///< Treat warnings as a failure.
   safety::GuardOptions guard;
 };

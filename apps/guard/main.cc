@@ -35,7 +35,7 @@ void AddDemonstrations(CLI::App& command, Options& options) {
 }
 
 void AddGuard(CLI::App& command, std::filesystem::path& path) {
-  command.add_option("GUARD", path, "file that guard fit wrote")->required();
+  command.add_option("GUARD", path, "file written by guard fit")->required();
 }
 
 void AddCheck(CLI::App& app, int& result) {
@@ -157,7 +157,7 @@ void AddFit(CLI::App& app, int& result) {
       ->delimiter(',');
   command->add_flag("--all", options->all, "include episodes that did not complete the task");
   command->add_flag("--as-recorded", options->as_recorded,
-                    "use actions as recorded, although they look like target positions");
+                    "use actions as recorded, even if they look like target positions");
   command->add_flag("--accept-any", options->guard.accept_any,
                     "fit even if almost no state of left-out demonstrations is inside");
   command->add_flag("--strict", options->strict,

@@ -23,7 +23,7 @@ struct ReplayedEpisode {
   double lowest = 0.0;
   double inside = 0.0;   ///< Share of states inside the support.
   int first_alarm = -1;  ///< Step, or -1.
-  int passing = 0;       ///< Number of actions that pass a certificate.
+  int passing = 0;       ///< Number of actions that a certificate passes.
   safety::Shadow shadow = {};
 };
 
@@ -79,7 +79,7 @@ class Strays {
 using SeeStates = std::function<void(const core::Matrix& states, const std::vector<int>& steps)>;
 
 /// Follows each episode of a file, without applying the guard's actions.
-/// @param see  is called for each episode; may be empty.
+/// @param see  called for each episode; may be empty.
 /// @throws std::runtime_error naming the file if it has no episode or a layout unlike the guard's.
 std::vector<ReplayedEpisode> Replay(const std::shared_ptr<const safety::GuardModel>& shared,
                                     const std::filesystem::path& path,

@@ -225,7 +225,7 @@ std::string FailureNote(const std::vector<Episode>& failures) {
 
 experiment::ReportTable FeatureTable(const safety::GuardModel& model, const Drivers& drivers) {
   experiment::ReportTable table{
-      .heading = "What drives g",
+      .heading = "Influence of the state entries on g",
       .caption =
           "Mean slope of l along each entry times the entry's spread over demonstrations, as a "
           "share of the sum. An entry with a share near zero can be left out; check that the "

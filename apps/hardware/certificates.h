@@ -15,8 +15,8 @@ struct CertificatesOptions {
   dds::CertificateOptions certificates;
 };
 
-/// Makes a lab's authority unless it exists, and certificates for the participants. Prints where to
-/// copy the certificates. @throws as dds::AddParticipant(), or if a permission is unknown.
+/// Creates a lab's authority unless it exists, and certificates for the participants. Prints the
+/// folders to copy. @throws as dds::AddParticipant(), or if a permission is unknown.
 void RunCertificates(const CertificatesOptions& options);
 
 }  // namespace dfr::apps::hardware_app

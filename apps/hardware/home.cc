@@ -35,7 +35,7 @@ int RunHome(const HomeOptions& options) {
   });
   if (interrupted) {
     options.say(
-        "Interrupted, but the platform goes on to its home position: only cutting its power stops "
+        "Interrupted, but the platform continues to its home position: only cutting its power stops"
         "it.");
     return EXIT_FAILURE;
   }

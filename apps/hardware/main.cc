@@ -33,7 +33,7 @@ std::string AnswerAtTerminal(const std::string& question, const char* hint, cons
     return answer;
   }
   std::cerr << core::Printable(question) << hint << std::flush;
-  ::tcflush(STDIN_FILENO, TCIFLUSH);  // earlier input is not an answer
+  ::tcflush(STDIN_FILENO, TCIFLUSH);  // discards earlier input, which is not an answer
   std::getline(std::cin, answer);
   return answer;
 }

@@ -55,7 +55,7 @@ safety::ControllerOptions Controllers() {
   options.dfr.probe_fraction = 0.1;
   options.dfr.step_fraction = 0.5;
   // The platform moves during each control and during the rest of the arm between two controls.
-  // This rest is assumed to be half of the 0.1 s of an ordinary control (--pause is 0.05 s by
+  // This rest is assumed to take half of the 0.1 s of an ordinary control (--pause is 0.05 s by
   // default).
   options.guided.disturbance_model = {.base = 0.5, .per_control = 1.0};
   // A probe must move the tool by more than the platform moves the line at the same time.

@@ -49,10 +49,10 @@ inline constexpr std::array<std::string_view, 8> kOtherLineMethods = {
     "finite-difference", "true-jacobian", "lwr",      "lwr-cv",
     "lwr-online",        "knn",           "ensemble", "proportional"};
 
-/// kOtherLineMethods of a model that was loaded from a file, in a simulation.
+/// kOtherLineMethods for a model loaded from a file, in simulation.
 inline constexpr std::array<std::string_view, 7> kLoadedLineMethods = {
     "finite-difference", "true-jacobian", "lwr", "lwr-cv", "lwr-online", "knn", "proportional"};
-/// The same on a robot, which no oracle can copy.
+/// kOtherLineMethods on a robot, which no oracle can copy.
 inline constexpr std::array<std::string_view, 5> kRobotLineMethods = {"lwr", "lwr-cv", "lwr-online",
                                                                       "knn", "proportional"};
 
@@ -76,7 +76,7 @@ class LineModel : public study::LearnedModel {
       const std::string& method, const core::SimulatedPlant* plant = nullptr) const;
 
  private:
-  // NOLINTNEXTLINE(google-explicit-constructor): made here only
+  // NOLINTNEXTLINE(google-explicit-constructor): constructed only here
   LineModel(study::LearnedModel learned) : study::LearnedModel(std::move(learned)) {}
 };
 

@@ -11,7 +11,7 @@
 namespace dfr::apps::line_tracking {
 
 /// Wraps another controller and passes each decision to observers before the control is applied.
-/// Neither allocates nor throws if the observers do not.
+/// Does not allocate or throw if the observers do not.
 class RecordedController final : public control::Controller {
  public:
   /// Borrows `controller`. @param recorder  may be nullptr, otherwise must outlive this object.

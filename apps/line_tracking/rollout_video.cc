@@ -17,7 +17,7 @@ constexpr int kWidth = kPictureWidth / 2;
 constexpr int kHeight = kPictureHeight;
 constexpr int kRecoveryStride = 10;
 
-// colours as blue, green, red
+// Channels are blue, green, red.
 const cv::Scalar kSeen(220, 200, 0);
 
 void Write(cv::Mat& canvas, const std::string& text, cv::Point at, const cv::Scalar& colour,

@@ -18,8 +18,8 @@ namespace dfr::apps::line_tracking {
 
 /// Runs `count` open-loop demonstrations without the disturbance of `options`, and keeps those that
 /// complete without a collision. Start states are a stream of `seed`. `progress` may be empty. The
-/// provenance has the origin simulated and the individual arm, but no date: equal options give
-/// equal bytes.
+/// provenance contains the origin `kSimulated` and the individual arm, but no date: equal options
+/// give equal bytes.
 /// @throws std::runtime_error if more than `count` demonstrations are unusable.
 [[nodiscard]] imitation::DemonstrationSet Demonstrate(const sim::LineTrackingOptions& options,
                                                       const line_task::LineCalibration& known,

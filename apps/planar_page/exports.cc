@@ -79,7 +79,7 @@ Support SupportAt(int index) {
   return static_cast<Support>(index);
 }
 
-// Fits the certified method's parts, if `support` needs them.
+// Fits the parts of the certified method if `support` needs them.
 World& Fitted(Support support) {
   World& world = Fitted();
   if (support == Support::kCertified) world.FitCertified();

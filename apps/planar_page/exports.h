@@ -1,7 +1,7 @@
 #pragma once
 
-/// Functions for the page's script: they use the single World through numbers and one shared array
-/// of doubles. Points in the array are x, y. Support and method are indices, as in world.h.
+/// Functions for the page's script. They access the single World through numbers and one shared
+/// array of doubles. Points in the array are x, y. Support and method are indices, as in world.h.
 ///
 /// A call that fails returns -1; page_error() returns the reason. Use one thread only.
 extern "C" {
@@ -9,7 +9,7 @@ extern "C" {
 /// Returns the scenes, methods, halt causes and gain as JSON text, valid until the next call.
 const char* page_describe();
 const char* page_error();
-/// The shared array, with room for at least `count` doubles. Valid until a larger one is requested.
+/// Returns the shared array of at least `count` doubles, valid until a larger one is requested.
 double* page_array(int count);
 
 int page_open(int scene);
@@ -24,7 +24,7 @@ int page_demonstration(int index);
 int page_fit();
 /// Fits the certified method's parts. Calls that need these parts also fit them.
 int page_fit_certified();
-/// Number of time steps with a separate estimate.
+/// Returns the number of time steps with a separate estimate.
 int page_num_steps(int support);
 
 /// Writes l_t at columns x rows points of a grid to the array, row by row downwards from (left,
@@ -43,7 +43,7 @@ int page_start_state(int seed);
 /// mode; time step; g; threshold; 1 if the policy's control was changed; 1 if the control is
 /// certified; outcome (-1 while running); halt cause.
 int page_step();
-/// Moves the robot of the episode, without telling the controller.
+/// Moves the robot of the episode without informing the controller.
 int page_displace(double x, double y);
 /// Adds a motion to the policy's controls.
 int page_push(double dx, double dy);

@@ -66,7 +66,7 @@ class Model : public study::LearnedModel {
       int first_step = 0) const;
 
  private:
-  // NOLINTNEXTLINE(google-explicit-constructor): made here only
+  // NOLINTNEXTLINE(google-explicit-constructor): constructed only here
   Model(study::LearnedModel learned) : study::LearnedModel(std::move(learned)) {}
 };
 

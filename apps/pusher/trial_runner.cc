@@ -14,7 +14,7 @@
 namespace dfr::apps::pusher {
 namespace {
 
-// Streams of the experiment's seed; 0 and 1 are the evaluation's start states and controllers.
+// Streams of the experiment's seed; 0 and 1 are for start states and controllers.
 constexpr std::uint64_t kDemonstrationStream = 2;
 constexpr std::uint64_t kLearnerStream = 3;
 constexpr std::uint64_t kOverlapStream = 4;

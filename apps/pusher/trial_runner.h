@@ -76,8 +76,8 @@ struct TrialRunnerOptions {
   std::uint64_t seed = 1;
 };
 
-/// Makes runners. Collects the demonstrations of a trial once, for all its units. Safe to call from
-/// several threads.
+/// Makes runners. Collects the demonstrations of a trial once, for all its units. Several threads
+/// may use one factory.
 class TrialRunnerFactory {
  public:
   /// Trial t demonstrates with supervisors[t % supervisors.size()].

@@ -124,7 +124,7 @@ void AddOptions(CLI::App& command, Study& study) {
   experiment::AddRunOptions(command, study);
 }
 
-// Runs the controller without some of its parts, then with changed features and supports.
+// Runs the controller without some of its parts, and then with changed features and supports.
 void Ablate(Study study, bool causes) {
   study.controllers = {"controller", "lwr"};
   for (const std::string_view part : control::GuidedPartNames()) {
@@ -325,7 +325,7 @@ int Main(int argc, char** argv) {
   AddOptions(*run, guards);
   run->add_option("--pictures", guards.pictures.features,
                   "features of image, such as points:image, for methods guard/pictures and others, "
-                  "which see a picture of the state; the policy sees the state");
+                  "which receive a picture of the state; the policy receives the state");
   run->add_option("--picture-light", guards.pictures.shown.light,
                   "change of light in the demonstrations' pictures, as a share")
       ->check(dfr::apps::ShareIn("[0, 1]"))

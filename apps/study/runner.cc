@@ -46,10 +46,10 @@ experiment::DisturbanceOptions WithNoise(const Condition& condition, const Task&
 
 }  // namespace
 
-// A policy alone or with a guard.
+// A policy, alone or with a guard.
 class Guarded final : public control::Controller, public LearnsOnline {
  public:
-  /// The guard sees the state, or pictures of it by `camera`.
+  /// The guard receives the state, or pictures of it from `camera`.
   Guarded(std::shared_ptr<Imitator> policy, const safety::GuardModel& model,
           const std::string& strategy, int state_dim, std::optional<Camera> camera)
       : policy_(std::move(policy)),

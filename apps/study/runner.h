@@ -33,8 +33,8 @@ struct PictureOptions {
   Nuisances shown = {.light = 0.2, .noise = 0.03};
 };
 
-/// Suffix of the method name of a guard that sees pictures only: "guard/pictures". Its policy sees
-/// the state.
+/// Suffix of the method name of a guard that receives only pictures: "guard/pictures". Its policy
+/// receives the state.
 inline constexpr const char* kOnPictures = "/pictures";
 
 /// Data shared by all methods of a task in one trial.

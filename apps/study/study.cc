@@ -341,7 +341,7 @@ experiment::SequentialTest Compare(const Comparison& comparison) {
   const Place& place = places.at(names.front());
   DFR_THROW_UNLESS(place.condition->nuisances == Nuisances{},
                    "condition '" << comparison.condition
-                                 << "' disturbs pictures, which no compared method sees");
+                                 << "' disturbs pictures, which no compared method receives");
   const std::vector<std::string> methods = {comparison.first, comparison.second};
   for (const std::string& method : methods) static_cast<void>(ParseMethod(method));
   experiment::SequentialTest test(comparison.alpha);

@@ -21,7 +21,7 @@ inline constexpr const char* kBetween = ": ";
 
 /// Judges each method over all policies except "none", compared with the same policies alone: by 95
 /// % intervals of the episodes that it saves and harms, then by the share of controls that it
-/// passes. Placebos, other policies and a guard that only watches are not judged.
+/// passes. Placebos, other policies and monitors are not judged.
 [[nodiscard]] std::vector<experiment::ReportJudgement> JudgeMethods(const std::vector<Row>& rows);
 /// The rule of JudgeMethods(), for readers.
 inline constexpr const char* kJudgedBy =

@@ -66,7 +66,7 @@ struct Condition {
   std::string variant = {};  ///< Runs the condition only in tasks with that variant.
   experiment::DisturbanceOptions disturbance = {};
   double noise = 0.0;        ///< Standard deviation of observation noise, in units of Task::length.
-  Nuisances nuisances = {};  ///< Disturbances of the pictures that guards see.
+  Nuisances nuisances = {};  ///< Disturbances of the pictures that guards receive.
   int demonstrations = 0;    ///< Number of demonstrations; 0: the study's number.
   bool on_request = false;   ///< Excluded from studies of all conditions.
 

@@ -115,7 +115,8 @@ void BM_Next(benchmark::State& state, double spread, bool single) {
   state.counters["support_vectors"] = support.estimate(kHorizon / 2).num_support_vectors();
 }
 
-// Controls move the state along seven of twelve directions. The other five differ between episodes.
+// Controls move the state along seven of twelve directions. The components along the other five
+// differ between episodes.
 class Driven {
  public:
   Driven() {

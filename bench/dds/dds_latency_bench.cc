@@ -41,8 +41,8 @@ constexpr double kPatience_s = 20.0;
 constexpr const char* kAsk = "/PSM1/servo_cp";
 constexpr const char* kAnswer = "/PSM1/setpoint_cp";
 
-// Certificates in a folder that is named after the process of the questions, which starts the other
-// one. They are removed with the object.
+// Certificates in a folder named after the asking process, which starts the answering process. The
+// destructor removes them.
 class Keystore {
  public:
   Keystore() {
@@ -73,7 +73,7 @@ std::int64_t Now() {
       .count();
 }
 
-// Time at which a question was asked, and its travel time.
+// // Time at which a question was sent, and its travel time.
 struct Answer {
   std::int64_t asked_ns = 0;
   double one_way_s = 0.0;

@@ -7,8 +7,8 @@
 namespace dfr::bench {
 
 /// A network of tanh layers in idiomatic Eigen, compiled for this machine. Its Eigen allocates
-/// memory differently from ours: the interface has none of Eigen's types. Matrices are in row-major
-/// order.
+/// memory differently from ours. The interface therefore contains no Eigen types. Matrices are in
+/// row-major order.
 class [[gnu::visibility("default")]] EigenMlp {
  public:
   struct Layer {

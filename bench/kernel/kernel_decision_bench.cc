@@ -75,7 +75,7 @@ struct Entrant {
   std::function<void(std::span<double>)> decide_all;
   double factor;
   double tolerance;  // peers are fitted separately, to a tolerance of 1e-3
-  // Largest difference between a batch and single queries, in our scale. Ours have the same bits.
+  // Largest difference between a batch and single queries, in our scale. Ours agree bitwise.
   double batch_tolerance;
 };
 
@@ -99,8 +99,8 @@ class DecisionCase {
     }
   }
 
-  // Queries change on every call, as on the robot, because a repeated query would favour the branch
-  // predictor.
+  // Queries change on every call, as on the robot, because the branch predictor would learn a
+  // repeated query.
   void Warm(const ContestOptions& options, std::vector<CaseResult>& results) const {
     std::vector<Contestant> contestants;
     for (const Entrant& e : entrants_) {

@@ -235,7 +235,7 @@ class Matrix {
     }
   }
 
-  // Returns true if all fits that ended by themselves meet their tolerance or the limit of doubles.
+  // Returns true if all uninterrupted fits meet their tolerance or the limit of doubles.
   [[nodiscard]] bool Print() const {
     std::printf("%-15s %6s %10s %8s %6s %12s %6s %10s %9s %13s %9s\n", "samples", "cells",
                 "converged", "stalled", "limit", "interrupted", "wrong", "worst gap", "compared",

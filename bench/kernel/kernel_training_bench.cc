@@ -102,7 +102,7 @@ void Train(const TrainingCase& c, const ContestOptions& options, std::vector<Cas
                            "", false});
   }
   CaseResult result{name, RunContest(contestants, 1, options), 0.0, {}};
-  // Outside the timing, because it computes a kernel for each pair of support vectors.
+  // This check is not timed, because it evaluates the kernel for each pair of support vectors.
   const double excess = audit.objective / LibsvmObjective(*libsvm) - 1.0;
   // Our objective may be lower. An excess of 1e-4 over LIBSVM's indicates another solution.
   if (excess > 1e-4) result.timings[0].wrong = "objective " + std::to_string(excess) + " too high";

@@ -156,7 +156,7 @@ void Measure(const std::filesystem::path& folder, int domain, double image_age_s
   std::printf("%zu faults, %d times each: about %.0f minutes\n", kinds, trials,
               std::ceil(kTrialMinutes * static_cast<double>(kinds) * trials));
   std::printf("%-21s %6s %8s  %12s  %9s  %11s  %8s  %s\n", "fault", "trials", "detected",
-              "after [ms]", "rest [ms]", "motion [mm]", "restarts", "what the operator is told");
+              "after [ms]", "rest [ms]", "motion [mm]", "restarts", "message to the operator");
   std::printf("%-21s %6s %8s  %12s  %9s  %11s\n", "", "", "", "p50     max", "max", "max");
   for (const Fault& fault : Faults()) {
     if (!only.empty() && std::find(only.begin(), only.end(), fault.name) == only.end()) continue;

@@ -137,7 +137,7 @@ struct Packet {
   std::uint64_t number;  // order of packets due at the same time
   int to;
   std::vector<char> bytes;
-  bool operator<(const Packet& other) const {  // the first packet due is on top
+  bool operator<(const Packet& other) const {  // the packet due first is on top
     return due_ns != other.due_ns ? due_ns > other.due_ns : number > other.number;
   }
 };

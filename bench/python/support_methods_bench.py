@@ -3,12 +3,12 @@
 
 usage: python_support_methods_bench [--samples N ...] [--gamma G] [--benchmark_min_time=0]
 
-Each method learns the same N states in a separate process and classifies the same queries as inside or
+Each method learns from the same N states in a separate process and classifies the same queries as inside or
 outside: half of them states of new trajectories, half of them such states moved away. Times are wall
 times (on all cores that the method uses). Memory is the growth of the process from before learning to
 its peak. The reference is the exact support of dfr.OneClassSVM: "false inside" is the fraction of the
 states outside it that the method accepts, "false outside" the fraction of the states inside it that the
-method rejects. A method of another kind estimates another set; these fractions then measure the
+method rejects. A method of another kind estimates another set. These fractions then measure the
 difference of the sets.
 """
 

@@ -81,7 +81,7 @@ class Experiment:
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        cls._file, cls._hash = _origin(cls)  # now, because the file may be edited before a run
+        cls._file, cls._hash = _origin(cls)  # read now, because the file may be edited before a run
 
     def plant(self) -> Any:
         """Return a plant. Called once per unit, in the process that runs it."""

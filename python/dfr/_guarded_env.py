@@ -104,7 +104,7 @@ def _checked(result: Any, count: int, method: str, values: str) -> Any:
 
 
 def _copied(state: Any) -> Any:
-    """Return a copy of a state, which the caller cannot change in place."""
+    """Return a copy of a state that the caller cannot change in place."""
     try:
         return copy.deepcopy(state.detach() if hasattr(state, "detach") else state)
     except Exception:  # a view of memory or a list of tensors in a graph, for example

@@ -38,11 +38,11 @@ class OneClassSVM(OutlierMixin, BaseEstimator):
     kernel : {"rbf"}, default="rbf"
         The Gaussian kernel exp(-gamma |x - y|^2), the only supported one.
     degree : int, default=3
-        Not used (polynomial kernels).
+        Not used; for polynomial kernels.
     gamma : {"scale", "auto"} or float, default="scale"
         "scale" is 1 / (n_features * X.var()), "auto" 1 / n_features; a number must be positive.
     coef0 : float, default=0.0
-        Not used (other kernels).
+        Not used; for other kernels.
     tol : float, default=1e-3
         Stop when the largest violation of the optimality conditions is below `tol`, as in
         scikit-learn. Problems of up to 256 samples are always solved to the precision of doubles, which

@@ -64,7 +64,7 @@ class Pool:
             connection.close()
         for process, _ in self._workers:
             process.join(1.0)
-        self.kill()  # a process may be in an episode whose result is not needed
+        self.kill()  # a process may be running an episode whose result is not needed
 
     def kill(self) -> None:
         """End all processes at once; waiting units raise RuntimeError."""

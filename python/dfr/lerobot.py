@@ -249,7 +249,7 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
         alarm, halt = info["alarm"], info["mode"] == "halt"
         alarmed, halted = self._alarm, self._halted
         self._alarm, self._halted = alarm, halt
-        # Called last, because these functions may raise or call reset().
+        # These calls come last, because the functions may raise or call reset().
         try:
             if alarm and not alarmed and self.on_alarm is not None:
                 self.on_alarm(info)

@@ -104,7 +104,7 @@ inline std::span<double> Entries(pybind11::array_t<double>& array) {
 
 /// Returns a new vector, with a copy of `values` if they are given. pybind11 2.10's constructor
 /// from a count reads the size of an entry where NumPy 1 keeps it in a dtype. With NumPy 2, all
-/// entries would share the first entry's memory.
+/// entries would then share the first entry's memory.
 inline pybind11::array_t<double> NewVector(pybind11::ssize_t count,
                                            const double* values = nullptr) {
   return pybind11::array_t<double>(pybind11::array::ShapeContainer{count}, values);

@@ -172,8 +172,9 @@ Raises
 ValueError
     If the action has the wrong number of entries or a non-finite entry.
 )")
-      .def("filter_chunk", &FilterChunk, py::arg("t"), py::arg("state"), py::arg("actions"),
-           R"(Return how many of a chunk's actions are predicted to be safe from `state` on.
+      .def(
+          "filter_chunk", &FilterChunk, py::arg("t"), py::arg("state"), py::arg("actions"),
+          R"(Return the number of a chunk's actions that are predicted to be safe, starting at `state`.
 
 An action counts if it is within the limits and predicted to end inside, at the level at which
 `filter` passes it. Counting stops at the first action that does not count. A monitor counts actions

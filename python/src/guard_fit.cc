@@ -163,7 +163,7 @@ Guard FitGuard(const Arrays& all_states, const Arrays& all_actions, const py::ob
     MakeIncrements(blocks, convert, accept, demonstrations);
     model = GuardModel::Fit(blocks, demonstrations, options);
   } catch (const std::invalid_argument&) {
-    // Parts of interrupted fits may not be consistent.
+    // // The parts of an interrupted fit may be inconsistent.
     interruptible.Throw();
     throw;
   }
@@ -209,7 +209,7 @@ features : str or list of str
     for K slow features of these components. Without K the fit chooses their number and, for points and embeddings,
     uses directions that actions depend on if these explain more. The other options are for pictures: one
     channel, the size after averaging, and the light: "standard" (the default) removes brightness and
-    contrast, "gain" removes only the brightness. docs/pixels.md has more.
+    contrast, "gain" removes only the brightness. See docs/pixels.md.
 nu, gamma : float
     Parameters of the supports; gamma is in whitened units, which all tasks share. The fit doubles gamma if
     the supports then cover more left-out states per volume, and while they cover gaps between modes.

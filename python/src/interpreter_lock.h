@@ -10,8 +10,9 @@ namespace dfr::python {
 
 /// Runs `call`, which takes the interpreter's lock. In a daemon thread, while the interpreter ends,
 /// Python before 3.14 unwinds the stack from this call, and the first noexcept function ends the
-/// whole program. Here the thread waits for the end of the program instead, as in Python 3.14.
-/// `call` should own no Python objects meanwhile, because unwinding destroys them without the lock.
+/// whole program. Here the thread instead waits for the end of the program, as in Python 3.14.
+/// `call` should own no Python objects at that time, because unwinding destroys them without the
+/// lock.
 template <typename Call>
 auto OrWaitForTheEnd(Call&& call) {
   try {

@@ -161,7 +161,7 @@ reason : str
     below the precision of doubles).
 iterations : int
 kkt_gap : float
-    The largest violation of the optimality conditions, in LIBSVM's scale.
+    Largest violation of the optimality conditions, in LIBSVM's scale.
 objective : float
     alpha' K alpha / 2, in LIBSVM's scale.
 kernel_evaluations : int

@@ -199,7 +199,7 @@ TEST_F(PlatformMoveCheckTest, AStopOnTheFirstWayHomeSaysThatOnlyThePowerStopsIt)
   After(0.5, [this] { stop_ = dds::EmergencyStop::kPressed; });
   EXPECT_THAT(Check(),
               AllOf(HasSubstr("the emergency stop is pressed, or was"),
-                    HasSubstr("goes on to its home position"), HasSubstr("cut its power")));
+                    HasSubstr("continues to its home position"), HasSubstr("cut its power")));
   const auto commands = emulator_.Await(2);
   ASSERT_EQ(commands.size(), 2U);
   EXPECT_NEAR(TiltOf(commands[1]), 0.0, 1e-9);
@@ -243,7 +243,7 @@ TEST_F(PlatformHomeTest, CtrlCEndsTheWaitAndSaysWhatStopsThePlatform) {
   const auto [said, code] = Home("platform");
   EXPECT_EQ(code, 1);
   EXPECT_THAT(said,
-              AllOf(HasSubstr("goes on to its home position"), HasSubstr("cutting its power")));
+              AllOf(HasSubstr("continues to its home position"), HasSubstr("cutting its power")));
   EXPECT_EQ(emulator_.Await(1).size(), 1U);
 }
 

@@ -177,7 +177,7 @@ TEST_F(OperatorPromptTest, TheLoopKeepsRunningAtThePrompt) {
 TEST_F(OperatorPromptTest, TheQuestionIsRepeatedBelowOtherOutput) {
   robot_.clock.plan_ns = robot_.clock.now_ns + 500'000'000;
   robot_.clock.plan = [this] {
-    for (int i = 0; i < 15; ++i) printer_.Say("  the console says (status): %d\n", i);
+    for (int i = 0; i < 15; ++i) printer_.Say("  message from the console (status): %d\n", i);
     robot_.clock.plan_ns = robot_.clock.now_ns + 5'000'000'000;
     robot_.clock.plan = [this] { typed_.Type("home\n"); };
   };

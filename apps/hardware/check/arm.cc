@@ -26,7 +26,7 @@ constexpr double kTinyMove = 0.002;       // m of insertion
 constexpr double kTinyMoveTime = 1.0;     // s
 constexpr double kBringUpTime = 120.0;    // s
 
-// The arm of a console over DDS.
+// An arm behind a console, over DDS.
 class ConsoleArm final : public CheckedArm {
  public:
   ConsoleArm(dds::Participant& participant, const CheckOptions& options)
@@ -141,7 +141,7 @@ void Listen(const CheckOptions& options, CheckedArm& arm, double seconds, const 
     Tick(options, arm);
     hardware::ConsoleMessage message;
     while (arm.TakeMessage(message)) {
-      Say(options, std::string("the console says (") + hardware::Name(message.severity) +
+      Say(options, std::string("message from the console (") + hardware::Name(message.severity) +
                        "): " + std::string(message.view()));
     }
     return done();
@@ -213,7 +213,7 @@ void MoveALittle(const CheckOptions& options, CheckedArm& arm, Permit& permit,
     if (status != PsmStatus::kOk) {
       Wrong(report, std::string("a move of 2 mm is refused: ") + hardware::Name(status),
             status == PsmStatus::kBeyondLimits
-                ? "lead the arm away from its limits at the console; for an Si arm, give "
+                ? "move the arm away from its limits at the console; for an Si arm, give "
                   "--generation Si"
                 : hardware::Remedy(status));
       break;

@@ -61,7 +61,7 @@ void Tilt(const CheckOptions& options, hardware::SprkDriver& driver, Permit& per
     if (status == SprkStatus::kOk) return;
   }
   if (status == SprkStatus::kGoesHome) {
-    Wrong(report, "the platform goes on to its home position", "cut its power to stop it");
+    Wrong(report, "the platform continues to its home position", "cut its power to stop it");
   } else if (status != SprkStatus::kOk) {
     Wrong(report, std::string("the platform cannot be commanded: ") + hardware::Name(status),
           "check its cable and power");

@@ -11,9 +11,9 @@
 
 namespace dfr::apps::hardware_app {
 
-/// The emergency stop at one moment.
+/// State of the emergency stop at one moment.
 struct StopLook {
-  // NOLINTNEXTLINE(google-explicit-constructor): a state alone is a look
+  // NOLINTNEXTLINE(google-explicit-constructor): a state alone is a StopLook
   StopLook(dds::EmergencyStop found, bool only_datagrams = false)
       : state(found), only_datagrams_silent(only_datagrams) {}
 

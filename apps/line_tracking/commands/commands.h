@@ -62,11 +62,11 @@ struct RunOptions {
   SceneOptions scene;
   /// A robot's configuration; empty: the simulation in this process.
   std::filesystem::path config;
-  // An empty value stands for the configuration's value, or without a configuration for "model",
+  // An empty value stands for the configuration's value or, without a configuration, for "model",
   // "controller" or "recordings".
   std::filesystem::path model;
   std::string method;
-  std::filesystem::path recordings;  ///< Or kNoRecordings.
+  std::filesystem::path recordings;  ///< A folder, or kNoRecordings.
   int episodes = 10;
   std::uint64_t seed = 1001;
 };

@@ -27,9 +27,9 @@ core::Trajectory Empty(const RobotPlant& plant, int steps) {
   return trajectory;
 }
 
-// Returns a demonstration of the scripted supervisor, which follows the line from the place where
-// the operator put the tip. Empty if the task was not completed: the robot then holds, and
-// plant.loop() has the reason to hold.
+// Returns a demonstration of the scripted supervisor, which follows the line from the operator's
+// initial tip position. Empty if the task was not completed: the robot then holds, and plant.loop()
+// has the reason.
 std::optional<core::Trajectory> Drive(RobotPlant& plant, int steps, std::uint64_t seed) {
   core::Trajectory trajectory = Empty(plant, steps);
   trajectory.seed = seed;
@@ -45,8 +45,8 @@ std::optional<core::Trajectory> Drive(RobotPlant& plant, int steps, std::uint64_
   return trajectory;
 }
 
-// The operator leads the tip. Records a state after each millimetre, and as its control the
-// displacement to the next state.
+// The operator leads the tip. Records a state after each millimetre, and the displacement to the
+// next state as its control.
 core::Trajectory Follow(RobotPlant& plant, int steps) {
   core::Trajectory trajectory = Empty(plant, steps);
   core::Matrix& x = trajectory.states;
@@ -89,8 +89,7 @@ std::optional<core::Trajectory> RecordDemonstration(RobotPlant& plant,
   }
   if (!options.teleoperation) plant.Halt();
   if (trajectory && !trajectory->states.allFinite()) {
-    printer.Say(
-        "  the camera did not see the line in each state: the demonstration is discarded\n");
+    printer.Say("  the line was not visible in every state: the demonstration is discarded\n");
     trajectory.reset();
   }
   return trajectory;

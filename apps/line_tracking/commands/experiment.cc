@@ -31,7 +31,7 @@ constexpr std::size_t kCurves = 30;
 constexpr int kStudiedEpisodes = 8;
 constexpr int kStudiedControls = 200;
 
-// Streams of the experiment's seed; 0 and 1 are the evaluation's start states and controllers.
+// Streams of the experiment's seed; 0 and 1 are for start states and controllers.
 enum Stream : std::uint64_t { kDemonstrationStream = 2, kLearnerStream, kCalibrationStream };
 
 experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {

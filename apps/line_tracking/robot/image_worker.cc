@@ -85,7 +85,7 @@ robot::Finding ImageWorker::Ask(std::int64_t after_ns) noexcept {
   const std::int64_t end_ns = runtime::SteadyNow() + answer_ns_;
   while (!answers_.Take(answer_) || answer_.question != question_) {
     if (runtime::SteadyNow() > end_ns) {
-      return {HoldReason::kImageSilent, "no picture arrived to find the line"};
+      return {HoldReason::kImageSilent, "no picture arrived in which to find the line"};
     }
     std::this_thread::sleep_for(std::chrono::microseconds(100));
   }

@@ -21,7 +21,7 @@ namespace dfr::apps::line_tracking {
 
 /// Results of a requested picture.
 struct ImageAnswer {
-  std::uint64_t question = 0;  ///< Number of the request, from 1.
+  std::uint64_t question = 0;  ///< Number of the request, counted from 1.
   std::uint64_t sequence = 0;
   std::int64_t stamp_ns = 0;
   vision::LineObservation seen;

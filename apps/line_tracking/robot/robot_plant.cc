@@ -226,8 +226,9 @@ struct RobotPlant::Impl {
     region.ForgetGauze();
   }
 
-  // Runs a period of a robot that is not armed. Another program may move the arm, and the arm need
-  // not be ready. Throws for any other reason to hold, because picture or joints are then invalid.
+  // Runs one period of a robot that is not armed. Another program may move the arm, and the arm
+  // need not be ready. Throws for any other reason to hold, because picture or joints are then
+  // invalid.
   void TickIdle() {
     loop.Tick();
     const HoldReason found = loop.blocking();
@@ -328,7 +329,7 @@ void RobotPlant::BringUp(const hardware::Say& say, const hardware::Confirms& con
                      .patience_s = std::max(10.0, i.answer_s),
                      .remedy =
                          [&i] {
-                           // The remedy of another reason would mislead.
+                           // The remedy for another reason would be misleading.
                            const hardware::PsmStatus found = i.driver.client().hold_reason();
                            const bool blocks = hardware::HoldReasonFor(found) == i.loop.blocking();
                            const std::string remedy = blocks ? hardware::Remedy(found) : "";

@@ -22,7 +22,7 @@ namespace dfr::apps::line_tracking {
 struct RunOperator {
   std::function<void(const runtime::Transition&)> on_transition;
   std::function<void(const hardware::ConsoleMessage&)> on_message;
-  /// A signal handler sets it to stop the run; may be nullptr, otherwise must outlive the run.
+  /// Flag that a signal handler sets to stop the run; nullptr, or it must outlive the run.
   const std::atomic<bool>* interrupted = nullptr;
 };
 
@@ -71,8 +71,8 @@ class RobotPlant final : public core::Plant {
   void Observe(std::span<double> state) const noexcept override;
   [[nodiscard]] bool completed() const noexcept override;
   [[nodiscard]] bool collided() const noexcept override;
-  /// Holds the arm: loop().state() is then idle after a completed task, otherwise holding. After
-  /// this, the loop runs only during calls such as loop().Idle().
+  /// Holds the arm: loop().state() is then idle after a completed task, otherwise holding. From
+  /// then on, the loop runs only during calls such as loop().Idle().
   void Halt() noexcept override;
 
   /// Measures the state while the robot is not started; the arm may be teleoperated, moved by its

@@ -10,7 +10,7 @@ using runtime::HoldReason;
 
 std::int64_t LockStep::MachineNs() const noexcept { return runtime::SteadyNow(); }
 
-// Converts an exception of `ask` to the reason `otherwise`. After that, no longer calls `ask`.
+// Converts an exception from `ask` to the reason `otherwise`. Does not call `ask` again after that.
 template <typename F>
 robot::Finding LockStep::Try(HoldReason otherwise, const F& ask) noexcept {
   if (lost_) return {otherwise, "the simulator does not answer"};

@@ -24,7 +24,7 @@ struct SimulatorTruth {
 /// lock-step the advance of time. Calls wait for the answer. One object belongs to one thread.
 class SimulatorLink {
  public:
-  /// @param answer_s  timeout of an answer: drawing a picture may take a while.
+  /// @param answer_s  timeout for an answer: drawing a picture may take a while.
   /// @param steady_ns  a monotonic clock.
   explicit SimulatorLink(dds::Participant& participant, double answer_s = 5.0,
                          std::function<std::int64_t()> steady_ns = runtime::SteadyNow);

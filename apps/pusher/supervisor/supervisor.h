@@ -36,8 +36,8 @@ struct DemonstrationCounts {
 
 /// Runs the supervisor, which samples its Gaussian policy, until `count` demonstrations have
 /// completed the task without a violation. Start states and noise are streams of `seed`. With the
-/// mean action instead, all demonstrations would have the same timing, and a learner that lags
-/// would leave the time-indexed support at once.
+/// mean action, all demonstrations would have the same timing, and a learner that lags would leave
+/// the time-indexed support at once.
 /// @throws std::runtime_error if fewer than one episode in ten is usable.
 imitation::DemonstrationSet Demonstrate(sim::PusherPlant& plant,
                                         const imitation::GaussianPolicy& supervisor, int count,

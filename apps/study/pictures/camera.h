@@ -56,7 +56,7 @@ class Camera {
 /// Returns whether the states of a task's plant can be drawn.
 [[nodiscard]] bool HasPictures(const sim::GalleryPlant& plant);
 
-/// Layout of the states that a guard on pictures sees: "image".
+/// Layout of the states of a guard on pictures: "image".
 [[nodiscard]] core::StateLayout PictureLayout();
 
 /// Returns the demonstrations with pictures as states. Their seeds determine the nuisances.

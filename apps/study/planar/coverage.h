@@ -7,8 +7,8 @@
 namespace dfr::study::planar {
 
 /// Returns the worlds of MeasureCoverage(). "corridor": the task's demonstrations. "reach": 8
-/// actions towards one goal in 6 dimensions, with rotation and noise. "heavy-tails": the same in 2
-/// dimensions, with errors of Student's t with 3 degrees of freedom.
+/// actions towards one goal in 6 dimensions, with rotation and noise. "heavy-tails": "reach" in 2
+/// dimensions, with errors from Student's t with 3 degrees of freedom.
 [[nodiscard]] const std::vector<std::string>& CoverageWorlds();
 
 /// Options for MeasureCoverage().

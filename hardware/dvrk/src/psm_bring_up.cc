@@ -25,8 +25,8 @@ PsmStatus BringUp(PsmDriver& driver, double timeout_s,
     driver.Flush();
   };
   const std::int64_t end = clock.steady_ns() + static_cast<std::int64_t>(1e9 * timeout_s);
-  // Reasons that last for less time are not reported: they are normal during discovery, and before
-  // the first sample after homing.
+  // Shorter reasons are not reported: they are normal during discovery, and before the first sample
+  // after homing.
   constexpr std::int64_t kPatienceNs = 1'000'000'000;
   PsmStatus told = PsmStatus::kOk;
   PsmStatus seen = PsmStatus::kOk;
@@ -40,7 +40,7 @@ PsmStatus BringUp(PsmDriver& driver, double timeout_s,
     driver.Tick(clock.steady_ns(), clock.wall_ns());
     ConsoleMessage message;
     while (driver.TakeMessage(message)) {
-      tell(std::string("the console says (") + Name(message.severity) +
+      tell(std::string("message from the console (") + Name(message.severity) +
            "): " + std::string(message.view()));
     }
     if (driver.phase() == PsmPhase::kArmed) return PsmStatus::kOk;

@@ -9,7 +9,7 @@
 
 namespace dfr::hardware::internal {
 
-inline constexpr double kCommandTime = 0.15;  // s, maximum time from sending to obeying a command
+inline constexpr double kCommandTime = 0.15;  // s, maximum time from sending to execution
 
 [[nodiscard]] inline double Seconds(std::int64_t ns) noexcept {
   return 1e-9 * static_cast<double>(ns);

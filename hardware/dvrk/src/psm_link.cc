@@ -167,7 +167,7 @@ bool PsmDriver::Link::Send() noexcept {
     }
     if (next.request != PsmRequest::kNone) {
       requested = true;
-      // The hold precedes the request, also if both were queued after the look above.
+      // // The hold precedes the request, even if both were queued after the check above.
       holding = holding || hold_wanted.wanted();
       (void)hold_wanted.Send([this] { return hold.Write({}); });
       // No request overtakes a `disable` that is still to be sent.
@@ -327,8 +327,8 @@ void PsmDriver::Link::ReadMonitors() noexcept {
                      (HearsOthers(watched_free, {}) ? 1 : 0) +
                      (HearsOthers(watched_state_command, state_command.origin()) ? 1 : 0);
   if (spoken > 0) foreign_messages.fetch_add(spoken, std::memory_order_acq_rel);
-  // A state is void if its publishers have left. Each check follows the reading, because a state
-  // that arrived last would otherwise remain.
+  // // A state is void if its publishers have left. Each check follows the reading, because
+  // otherwise the last state would remain.
   dds::Flag flag;
   bool any = false;
   for (std::size_t i = 0; i < teleoperations.size(); ++i) {

@@ -24,7 +24,7 @@ void AwaitHomeable(const BringUpOptions& robot, const Say& say, const Confirms& 
         !confirms(loop.blocking_words() + ". Correct it, then type clear", "clear")) {
       throw NotReady(robot);
     }
-    if (loop.stop_pressed() && !pressed) continue;  // the operator does not know of the press
+    if (loop.stop_pressed() && !pressed) continue;  // the operator has not been told of the press
     static_cast<void>(loop.Clear());
   }
 }
@@ -43,7 +43,7 @@ void BringUpArm(const BringUpOptions& robot, const Say& say, const Confirms& con
   const auto holds_good = [&] {
     return loop.AwaitHomeable(0.0, {}) && (!robot.knows_others || robot.knows_others());
   };
-  // A doubt or a participant that arises during the question voids the answer.
+  // A fault or a new participant during the question voids the answer.
   for (bool confirmed = robot.simulated; !confirmed; confirmed = holds_good()) {
     AwaitHomeable(robot, say, confirms);
     AcceptOthers(robot);

@@ -45,9 +45,9 @@ struct PsmClientOptions {
   double longest_step_s = 0.005;
   double max_tick_gap_s = 0.1;   ///< Maximum time between two steps while armed, > 0.
   double reach_timeout_s = 2.0;  ///< Maximum time from the end of a move to rest, > 0.
-  /// Positive. When arming: maximum distance of local/measured_cp (of measured_cp if there is no
-  /// such topic) from the wrist position computed from measured_js. While armed: maximum motion of
-  /// the frame of measured_cp.
+  /// When arming, > 0: maximum distance of local/measured_cp (of measured_cp if there is no such
+  /// topic) from the wrist position computed from measured_js. While armed: maximum motion of the
+  /// frame of measured_cp.
   double max_frame_distance_m = 0.002;
   double max_frame_angle = 0.05;  ///< Same as max_frame_distance_m, for the rotation, rad.
   double enable_timeout_s = 10.0;

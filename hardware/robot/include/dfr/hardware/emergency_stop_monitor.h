@@ -10,8 +10,8 @@
 
 namespace dfr::hardware {
 
-/// Schedule for publishing the state of a loop: after each change, otherwise 50 times a second, and
-/// not while the loop hangs (no beat for 0.1 s).
+/// Schedule for publishing the state of a loop: after each change, otherwise 50 times per second,
+/// and not while the loop hangs (no beat for 0.1 s).
 class RunAnnouncements {
  public:
   /// Returns true if `state` must be published now. All times are of one monotonic clock, ns.

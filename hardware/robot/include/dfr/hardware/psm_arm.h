@@ -11,8 +11,8 @@
 namespace dfr::hardware {
 
 /// Checks a straight path through joint space. Returns the reason for a refusal, valid until the
-/// next call; empty if the path is allowed. The control loop calls it: it must not wait, allocate
-/// or throw.
+/// next call; empty if the path is allowed. The control loop calls this function, which must not
+/// wait, allocate or throw.
 using PathCheck = std::function<std::string_view(const kinematics::PsmJoints& from,
                                                  const kinematics::PsmJoints& to)>;
 

@@ -49,7 +49,7 @@ class SprkDriver {
   [[nodiscard]] SprkStatus Start(SprkWaveKind kind, const SprkWave& wave) noexcept;
   /// Stops the platform at its present estimated pose, rounded to the protocol's steps. A wave
   /// stops at its centre. A pose made unreachable by rounding is scaled towards home. Returns
-  /// kGoesHome within kHomeTime of the first Home(): the platform goes on to its home position,
+  /// kGoesHome within kHomeTime of the first Home(): the platform continues to its home position,
   /// because the pose on the way is unknown.
   [[nodiscard]] SprkStatus Hold() noexcept;
 
