@@ -172,9 +172,8 @@ Raises
 ValueError
     If the action has the wrong number of entries or a non-finite entry.
 )")
-      .def(
-          "filter_chunk", &FilterChunk, py::arg("t"), py::arg("state"), py::arg("actions"),
-          R"(Return the number of a chunk's actions that are predicted to be safe, starting at `state`.
+      .def("filter_chunk", &FilterChunk, py::arg("t"), py::arg("state"), py::arg("actions"),
+           R"(Return the number of a chunk's leading actions that are predicted to be safe.
 
 An action counts if it is within the limits and predicted to end inside, at the level at which
 `filter` passes it. Counting stops at the first action that does not count. A monitor counts actions

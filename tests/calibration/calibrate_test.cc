@@ -43,7 +43,7 @@ Eigen::Isometry3d TargetInCamera() {
   return pose;
 }
 
-// The true calibration. The camera looks down, inclined to the tool, which points along -z of the
+// The true calibration. The camera looks down at an angle to the tool, which points along -z of the
 // arm's base.
 line_task::LineCalibration True() {
   line_task::LineCalibration known;

@@ -180,8 +180,8 @@ struct PointPlantOptions {
   bool turns = false;
   double wall = std::numeric_limits<double>::infinity();  ///< Collides at |x| > wall.
   double goal = std::numeric_limits<double>::infinity();  ///< Completed at x_0 >= goal.
-  int refuse_at = -1;  ///< Number, from 0, of a control that is rejected.
-  int fault_at = -1;   ///< Number of a control that is applied and reported as a fault.
+  int refuse_at = -1;                                     ///< Index of a control that is rejected.
+  int fault_at = -1;  ///< Index of a control that is applied and reported as a fault.
 };
 
 class PointPlant final : public core::SimulatedPlant {

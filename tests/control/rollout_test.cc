@@ -69,7 +69,8 @@ TEST_F(RolloutTest, CountsRecoveriesAndTheirControls) {
   EXPECT_EQ(result.controls(), plant.applied);
 }
 
-// Gives steps of three kinds in turn: a control that passes, a changed one, and one of a recovery.
+// Alternates between steps of three kinds: a control that passes, a changed one, and one of a
+// recovery.
 class Changing final : public Controller {
  public:
   int state_dim() const noexcept override { return 2; }

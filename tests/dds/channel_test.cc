@@ -51,7 +51,8 @@ TEST(ParticipantTest, IsFoundAfterManyEarlierParticipantsOfItsProcess) {
   Eventually([&] { return publisher.num_subscribers() == 1; });
 }
 
-// The watcher reports a guest before the guest's publisher, both numbered, even after both left.
+// The watcher reports a guest before the guest's publisher, with increasing numbers, even after
+// both have left.
 TEST(ParticipantTest, ReportsParticipantsInOrder) {
   const Participant watcher({.domain = test::OwnDomain(), .name = "watcher"});
   const auto any = [](std::string_view topic) { return topic == "/arm/hold"; };
@@ -102,7 +103,7 @@ TEST_F(ChannelTest, EventsReachLateJoinersInOrder) {
 }
 
 // A console that starts later must not home its arm because of a request to another console.
-TEST_F(ChannelTest, ARequestReachesNobodyWhoJoinsLater) {
+TEST_F(ChannelTest, ARequestDoesNotReachLateJoiners) {
   Publisher<StringStamped> publisher(first_, "/state_command", Role::kRequest);
   Eventually([&] { return publisher.Write({{}, {}, "home"}); });
   // A subscriber that requests stored samples is not matched. Other subscribers receive new
@@ -123,7 +124,7 @@ TEST_F(ChannelTest, APublisherWaitsUntilItsLastSampleIsReceived) {
   for (int i = 0; i < 20; ++i) {
     SCOPED_TRACE(i);
     auto publisher = std::make_unique<Publisher<Text>>(first_, "/topic", Role::kRequest);
-    EXPECT_TRUE(publisher->WaitUntilReceived(0.0)) << "nobody to wait for";
+    EXPECT_TRUE(publisher->WaitUntilReceived(0.0)) << "no subscriber to wait for";
     Eventually(
         [&] { return publisher->num_subscribers() == 1 && subscriber.health().publishers == 1; });
     ASSERT_TRUE(publisher->Write({"the last"}));

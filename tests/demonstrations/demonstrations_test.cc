@@ -103,7 +103,7 @@ TEST(DemonstrationsTest, MismatchedShapesAreRefusedBeforeWriting) {
   EXPECT_FALSE(std::filesystem::exists(folder / "demos.hdf5"));
 }
 
-// Damages a good file in one way after another, by plain HDF5 calls.
+// Damages a valid file in several ways, one after the other, by plain HDF5 calls.
 TEST(DemonstrationsTest, ErrorsNameFileEpisodeAndDataset) {
   const test::TempFolder folder;
   const std::filesystem::path path = folder / "demos.hdf5";

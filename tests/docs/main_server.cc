@@ -1,6 +1,6 @@
-// A library for LD_PRELOAD that calls the main() of a program in a new process for each request. A
-// short run of a program spends most of its time on loading shared libraries. Here the program
-// loads them only once.
+// A library to preload into a program. Calls the program's main() in a new process for each
+// request. A short run of a program spends most of its time on loading shared libraries, which
+// happens here only once.
 //
 // A request on standard input: the size of the rest in bytes and a new line, then the files for
 // standard output and standard error and the program's arguments, each with a zero byte at its end.

@@ -61,7 +61,7 @@ inline void Require(bool good) {
 
 using Joints = std::array<double, 6>;
 
-/// A PSM as seen by dvrk_python's classes arm and psm.
+/// A PSM with the interface of dvrk_python's classes arm and psm.
 class Psm {
  public:
   Psm() {
@@ -100,7 +100,7 @@ class Psm {
     Subscribe(geometry_msgs_msg_dds__TwistStamped__desc, "measured_cv", false);
     Subscribe(crtk_msgs_msg_dds__OperatingState__desc, "operating_state", false);
     Subscribe(std_msgs_msg_dds__Float64__desc, "trajectory_j/ratio", false);
-    // Topics that other simulators of this robot publish, too.
+    // Topics that other simulators of this robot also publish.
     Subscribe(crtk_msgs_msg_dds__StringStamped__desc, "state", true);
     Subscribe(crtk_msgs_msg_dds__StringStamped__desc, "info", true);
     Subscribe(std_msgs_msg_dds__String__desc, "tool_type", true);

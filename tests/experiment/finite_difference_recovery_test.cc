@@ -35,7 +35,7 @@ TEST(FiniteDifferenceRecoveryTest, StepsAlongTheGradientWithDfrsStepSize) {
   EXPECT_TRUE(test::AllClose(core::AsVector(std::span<const double>(u)), expected, 1e-6 * length));
 }
 
-TEST(FiniteDifferenceRecoveryTest, LeavesThePlantAsItWas) {
+TEST(FiniteDifferenceRecoveryTest, LeavesThePlantUnchanged) {
   const auto ball = test::UnitBall(2);
   PointPlant plant({.start = {0.5, 0.6}, .turns = true});
   plant.Reset(3);

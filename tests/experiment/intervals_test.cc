@@ -176,7 +176,7 @@ TEST(PowerTest, NumbersThatMeanNothingAreRefused) {
     EXPECT_THROW((void)EpisodesForBound(0.01, wrong), std::invalid_argument);
     EXPECT_THROW((void)EpisodesForBound(wrong), std::invalid_argument);
   }
-  // No int holds these numbers of episodes.
+  // These numbers of episodes exceed the range of int.
   EXPECT_THROW((void)EpisodesForBound(1e-12), std::invalid_argument);
   EXPECT_THROW((void)EpisodesForDifference(0.05, 0.05 + 1e-9), std::invalid_argument);
 }
@@ -383,7 +383,7 @@ TEST(CoverageTest, FiveClustersAreEnoughForTButNotForABootstrap) {
   EXPECT_LE(bootstrap, 0.88 * kRepetitions);
 }
 
-// Rounding of equal ratios must not pass for variation between units.
+// The rounding of equal ratios must not count as variation between units.
 TEST(EstimateContrastTest, EqualRatiosOfTrialsAreNoExactResult) {
   std::vector<PairedCounts> units;
   for (const int third : {1, 2, 3, 2, 1}) {

@@ -102,7 +102,7 @@ TEST_F(LedgerReaderTest, TheRemainingTimeIgnoresPausesBetweenRuns) {
   };
   EXPECT_NEAR(remaining(3600.0, {0, 3600, 58'000, 61'600}), 16 * 3600.0, 1e-3);
   EXPECT_NEAR(remaining(3600.0, {0, 0, 1800, 61'600}), 16 * 2250.0, 1e-3) << "two threads";
-  // `finished` has whole seconds.
+  // `finished` is in whole seconds.
   EXPECT_NEAR(remaining(0.001, {0, 1, 2, 3}), 4 * 3.001, 1e-3);
 }
 
@@ -118,7 +118,7 @@ TEST_F(LedgerReaderTest, AnyDamageOfTheFirstLineIsNamedAndSalvaged) {
     throw std::logic_error("a unit runs again");
   };
   for (std::size_t i = 0; i < text.find('\n'); ++i) {
-    if (i == version) continue;  // another digit is another version
+    if (i == version) continue;  // a different digit is another version
     std::string damaged = text;
     damaged[i] = static_cast<char>(damaged[i] ^ (1 << (i % 8)));
     if (damaged[i] == '\n') continue;

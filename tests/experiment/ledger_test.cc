@@ -21,7 +21,7 @@
 
 namespace {
 
-// Faults of the next calls of write() and fdatasync(), as of a failing disk: an error, or a short
+// Faults of the next calls of write() and fdatasync(), as on a failing disk: an error, or a short
 // write. The functions below replace the C library's in this program.
 struct Fault {
   int after = -1;  // calls that still succeed; negative: all
@@ -172,7 +172,7 @@ TEST_F(LedgerTest, DamageAndForeignFilesAreRefused) {
 }
 
 // The first read of this file fails, as on a failing disk. A shorter ledger would lose results.
-TEST_F(LedgerTest, AnUnreadableLedgerIsNoEmptyLedger) {
+TEST_F(LedgerTest, AnUnreadableLedgerIsAnError) {
   EXPECT_THAT(test::MessageOf([] { (void)ReadLedger("/proc/self/mem"); }),
               HasSubstr("cannot be read to its end"));
 }

@@ -372,7 +372,7 @@ TEST(ReportTest, WithoutMethodsItShowsTheOptionsAlone) {
   }
 }
 
-TEST(ReportTest, APageIsSavedThroughALinkWithTheModeOfTheOldOne) {
+TEST(ReportTest, APageIsSavedThroughALinkAndKeepsItsMode) {
   const dfr::test::TempFolder folder;
   const std::filesystem::path page = folder / "page.html";
   const std::filesystem::path link = folder / "link.html";
@@ -391,7 +391,7 @@ TEST(ReportTest, APageIsSavedThroughALinkWithTheModeOfTheOldOne) {
 }
 
 // Tests a pipe in place of a device, which only root can create.
-TEST(ReportTest, APipeStaysOne) {
+TEST(ReportTest, APipeStaysAPipe) {
   const dfr::test::TempFolder folder;
   const std::filesystem::path pipe = folder / "pipe";
   ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);

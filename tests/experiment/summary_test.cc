@@ -94,7 +94,7 @@ TEST(SummarizeTest, CountsByHand) {
   EXPECT_EQ(summary.measures[0].mean, 1.5) << "of the two trials that define it";
 }
 
-// A regression changes none of its own controls, and guards no policy.
+// A regression changes none of its controls, and guards no policy.
 TEST(SummarizeTest, AnotherPolicyHasNoShareOfPassedControls) {
   ByHand input(5);
   input.plan.policies = input.plan.methods;

@@ -5,8 +5,8 @@
 
 /// Begins a fuzz target: DFR_FUZZ_TARGET(archive) { ... return 0; } reads `size` bytes of `data`.
 ///
-/// It is libFuzzer's entry point where DFR_FUZZ is defined. Otherwise it registers the target by
-/// its name in fuzz_replay (replay_main.cc).
+/// The target is libFuzzer's entry point if DFR_FUZZ is defined. Otherwise the macro registers the
+/// target by its name in fuzz_replay (replay_main.cc).
 #ifdef DFR_FUZZ
 #define DFR_FUZZ_TARGET(name) \
   extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size)

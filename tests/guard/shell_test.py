@@ -37,7 +37,7 @@ class CompletionTest(unittest.TestCase):
         folder = tempfile.TemporaryDirectory()
         self.addCleanup(folder.cleanup)
         self.folder = pathlib.Path(folder.name)
-        shutil.copy(COMPLETION, self.folder / "guard")  # as it is installed
+        shutil.copy(COMPLETION, self.folder / "guard")  # the installed name
 
     def complete(self, *words):
         script = f"""source {self.folder}/guard && complete -p guard | grep -q _dfr_complete || exit 1

@@ -210,7 +210,7 @@ TEST_F(ArmCheckTest, AStopOrAnInterruptEndsTheMove) {
   EXPECT_LT(arm_.console.setpoint_joints()[2], 0.121) << "the arm moved on";
 }
 
-// A stop that is silent for a moment only is still the cause.
+// A stop that is silent only for a moment is still the cause.
 TEST_F(ArmCheckTest, AShortSilenceOfTheStopIsNamed) {
   for (const bool homing : {true, false}) {
     arm_.console = sim::PsmConsole({.homing_s = 1.0});

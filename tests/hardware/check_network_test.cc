@@ -124,7 +124,7 @@ class PlatformMoveCheckTest : public testing::Test {
   std::string Check() {
     return Shown(CheckPlatform(options_, [this](std::int64_t) { return stop_; }));
   }
-  // Runs `happens` this time after the first wait.
+  // Runs `happens` when this time has passed since the first wait.
   void After(double seconds, std::function<void()> happens) {
     const auto then_ns = clock_.now_ns + static_cast<std::int64_t>(1e9 * seconds);
     clock_.waits = [this, then_ns, happens = std::move(happens)] {
@@ -195,7 +195,7 @@ TEST_F(PlatformMoveCheckTest, AStopOrAnInterruptHoldsThePlatform) {
   }
 }
 
-TEST_F(PlatformMoveCheckTest, AStopOnTheFirstWayHomeSaysThatOnlyThePowerStopsIt) {
+TEST_F(PlatformMoveCheckTest, AStopDuringTheFirstHomingSaysThatOnlyThePowerStopsIt) {
   After(0.5, [this] { stop_ = dds::EmergencyStop::kPressed; });
   EXPECT_THAT(Check(),
               AllOf(HasSubstr("the emergency stop is pressed, or was"),
@@ -272,7 +272,7 @@ TEST_F(PlatformHomeTest, NothingMovesWithoutATerminal) {
   EXPECT_EQ(emulator_.Await(1).size(), 1U) << "only the second command moves it";
 }
 
-TEST(CheckProgramTest, ExitCodeTellsWhetherAllIsWell) {
+TEST(CheckProgramTest, ExitCodeReportsErrors) {
   test::SprkEmulator emulator;
   const auto run = [](std::vector<std::string> arguments) {
     arguments.insert(arguments.begin(), {DFR_HARDWARE, "check"});

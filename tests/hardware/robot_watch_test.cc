@@ -38,7 +38,8 @@ TEST_F(RobotWatchTest, ReportsEachStateOnceAndSilenceAfter150Ms) {
   watch_.Look(190 * kMs + 1);
   const std::string silent = Said();
   EXPECT_EQ(silent.find("robot: SILENT while holding"), 0U);
-  EXPECT_EQ(silent.find("the arm holds"), std::string::npos) << "nobody knows: " << silent;
+  EXPECT_EQ(silent.find("the arm holds"), std::string::npos)
+      << "the arm's state is unknown: " << silent;
   EXPECT_NE(silent.find("the robot may move"), std::string::npos) << silent;
   watch_.Look(900 * kMs);
   EXPECT_EQ(Said(), "");

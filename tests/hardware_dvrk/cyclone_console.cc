@@ -5,7 +5,7 @@
 // Its time is the newest std_msgs/Float64 on /test/time, s since the epoch. Each message there
 // triggers a measurement. Like a real console, it stamps measurements zero until it is homed, drops
 // servo_cp with a warning when it is not ready, keeps events for late joiners, and holds the last
-// goal for ever.
+// goal indefinitely.
 #include <dds/dds.h>
 
 #include <cmath>

@@ -161,8 +161,8 @@ TEST_F(LateMessagesTest, TheConsoleRevealsForeignCommands) {
   }
 }
 
-// Without repetition, the console executes each command once, and the client finds the sender
-// 300 ms later. A move makes the arm busy before the text arrives.
+// The console executes each command once, without repetition, and the client finds the sender 300
+// ms later. A move makes the arm busy before the text arrives.
 TEST_F(LateMessagesTest, OneCommandIsEnough) {
   const std::vector<Command> commands = {
       {"hold", [&] { console_.Hold(); }},

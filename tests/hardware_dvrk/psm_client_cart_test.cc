@@ -33,7 +33,7 @@ TEST_F(PsmClientOnCartTest, HoldsWhenTheCameraMoves) {
   ExpectHold(PsmStatus::kBaseMoved, CameraMoved(0.003), 2, true);
 }
 
-TEST_F(PsmClientOnCartTest, ATremblingCameraDoesNotHold) {
+TEST_F(PsmClientOnCartTest, AVibratingCameraDoesNotHold) {
   ArmNow();
   for (int i = 0; i < 100; ++i) Step(CameraMoved(i % 4 < 2 ? 0.001 : -0.001));
   EXPECT_EQ(client_.phase(), PsmPhase::kArmed) << Name(client_.status());

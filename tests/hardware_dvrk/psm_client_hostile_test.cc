@@ -115,7 +115,7 @@ class HostileConsoleTest : public PsmClientTest {
         input.instrument = static_cast<PsmInstrument>(random_.Below(3));
         return;
       default:
-        input = PsmInput();  // The console is gone for this step.
+        input = PsmInput();  // The console is absent in this step.
     }
   }
 
@@ -143,7 +143,7 @@ TEST_F(HostileConsoleTest, NothingMovesWithoutTheOperatorsWord) {
     EXPECT_TRUE(client_.setpoint().allFinite());
   };
   for (int round = 0; round < 1500; ++round) {
-    // The operator arms only sometimes. All other words are those of programs.
+    // The operator arms only sometimes. Programs give all other commands.
     if (Chance(3)) armed = client_.Arm() == PsmStatus::kOk || armed;
     on_cart_ = Chance(4) ? !on_cart_ : on_cart_;
     static_cast<void>(client_.MoveTo(Yaw(random_.Uniform(-0.1, 0.1)), 1.0));

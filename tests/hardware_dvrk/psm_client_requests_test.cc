@@ -107,7 +107,7 @@ TEST_F(PsmClientRequestTest, AnyInterruptionEndsHoming) {
          input.operating_state->state = PsmConsoleState::kPaused;
        },
        1},
-      // A person has switched the arm off.
+      // An operator has switched the arm off.
       {PsmStatus::kDisabled,
        [](PsmInput& input) {
          input.operating_state.emplace();
@@ -179,7 +179,7 @@ TEST(UntilSentTest, AMessageIsWantedUntilAWriteSucceeds) {
     return works;
   };
   EXPECT_TRUE(hold.Send(write));
-  EXPECT_EQ(writes, 0) << "nobody wants it";
+  EXPECT_EQ(writes, 0) << "not wanted";
   hold.Want();
   for (int attempt = 1; attempt <= 3; ++attempt) {
     EXPECT_FALSE(hold.Send(write));
@@ -193,8 +193,8 @@ TEST(UntilSentTest, AMessageIsWantedUntilAWriteSucceeds) {
   EXPECT_EQ(writes, 4) << "it is sent once";
 }
 
-// A wish during the write is a wish for another message.
-TEST(UntilSentTest, AWishDuringAWriteIsKept) {
+// A call of Want() during the write requests another message.
+TEST(UntilSentTest, ARequestDuringAWriteIsKept) {
   internal::UntilSent hold;
   hold.Want();
   EXPECT_TRUE(hold.Send([&] {

@@ -319,7 +319,7 @@ TEST_F(PsmClientTest, LateSetpointsAreOurs) {
 }
 TEST_F(PsmClientTest, LoopThatStoodStillHolds) {
   ExpectHold(PsmStatus::kTickLate, [&](PsmInput& input) {
-    // Everything else is in time: the samples are current.
+    // No other input is late: the samples are current.
     now_ns_ += 200 * kMs;
     input = Input();
     num_steps_ -= num_steps_ % 2;

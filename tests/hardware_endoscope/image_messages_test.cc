@@ -37,7 +37,7 @@ class ImageMessagesTest : public testing::Test {
   Frame frame_;
 };
 
-TEST_F(ImageMessagesTest, BlueGreenRedStaysAsItIs) {
+TEST_F(ImageMessagesTest, BlueGreenRedIsUnchanged) {
   const cv::Mat sent = Noise(1);
   ASSERT_EQ(StatusOf(Message(sent, kStamp - 7)), FrameStatus::kOk);
   EXPECT_EQ(std::memcmp(frame_.image.data, sent.data, 3UL * kWidth * kHeight), 0);

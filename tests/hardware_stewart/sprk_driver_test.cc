@@ -125,7 +125,7 @@ TEST_F(SprkDriverTest, HoldReportsThatItCannotStopTheFirstWayHome) {
   }
   Wait(0.3 * SprkDriver::kHomeTime);
   EXPECT_EQ(driver.Hold(), SprkStatus::kOk);
-  // The way of a later Home() is known.
+  // The path of a later Home() is known.
   ASSERT_EQ((Wait(0.1), driver.MoveTo(Pose(0.00762, 0, 0))), SprkStatus::kOk);
   Wait(1.0);
   ASSERT_EQ(driver.Home(), SprkStatus::kOk);

@@ -48,8 +48,7 @@ void SprkEmulator::Run() {
     ::poll(ready.data(), ready.size(), -1);
     if (ready[1].revents != 0) return;
     if ((ready[0].revents & POLLIN) == 0 || hangs_) {
-      // No program has the port open, or the program has not read all output: poll() returns at
-      // once.
+      // The port is not open, or its program must still read output: poll() returns at once.
       ::poll(&ready[1], 1, 2);
       continue;
     }

@@ -111,7 +111,7 @@ int Count(const std::string& printed, const std::string& text) {
 
 // Takes 4 s, because it runs two episodes in lock-step. Only this test reads the operator's output
 // of a whole run. LaunchTest has a run with an emergency stop.
-TEST(WithoutStopTest, ARunWarnsFirstAtEveryStartAndInItsRecording) {
+TEST(WithoutStopTest, ARunWarnsAtEveryStartAndInItsRecording) {
   const std::string warning =
       "WITHOUT AN EMERGENCY STOP: only the console and Ctrl-C here stop the arm\n";
   const std::filesystem::path folder = Data().path / "run-without-stop";
@@ -166,7 +166,7 @@ TEST(SimulatorLinkTest, AnUnansweredRequestTimesOut) {
 
 // A loop in a hold also asks for rest and pictures. After one question without an answer it must
 // not wait for the others.
-TEST(LockStepTest, AfterAQuestionWithoutAnAnswerNothingWaitsUntilItIsToTryAgain) {
+TEST(LockStepTest, AfterAnUnansweredRequestNothingWaitsUntilRetry) {
   dds::Participant network({.domain = test::OwnDomain()});
   hardware::PsmDriver driver(network, {});
   std::int64_t now_ns = 0;
@@ -214,7 +214,7 @@ class PlatformTest : public testing::Test {
 TEST_F(PlatformTest, MovesOnTheOperatorsWordAndRestsWhenTheRobotHolds) {
   {
     RobotPlant robot(Robot(), Data().Calibration(), nullptr);
-    EXPECT_THROW(robot.BringUp({}), std::runtime_error) << "nobody asked for it";
+    EXPECT_THROW(robot.BringUp({}), std::runtime_error) << "no operator confirmed it";
     std::string asked;
     const auto refuses = [&](std::string_view question, std::string_view word) {
       asked = std::string(question) + "|" + std::string(word);

@@ -82,7 +82,7 @@ TEST(LineTrialRunnerTest, InRealTimeAHaltMayCollide) {
   }
   EXPECT_EQ(collided_after_halt[0], 0);
   EXPECT_GE(collided_after_halt[1], 4);
-  // A controller that sees the line follows it in both worlds.
+  // A controller that observes the line follows it in both worlds.
   EXPECT_GE(completed[0], 9);
   EXPECT_GE(completed[1], 8);
 }

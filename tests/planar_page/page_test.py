@@ -18,7 +18,7 @@ import unittest
 PAGE, LIBRARY, CHROMIUM = sys.argv[1:4]
 del sys.argv[1:4]
 METHODS = range(5)
-WAIT_S = 300  # a busy machine takes its time
+WAIT_S = 300  # a busy machine is slow
 
 
 def calls():

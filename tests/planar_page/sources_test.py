@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The sources of the page compile for WebAssembly.
 
-They include no header of a library that the page does without, and call no algorithm of std::ranges: the standard
+They include no header of a library that the page does not use, and call no algorithm of std::ranges: the standard
 library of Debian's Emscripten has none.
 
 usage: sources_test.py PROJECT INCLUDE_FOLDER ... -- SOURCE ...

@@ -291,7 +291,7 @@ class ExperimentTest(unittest.TestCase):
             os.kill(process.pid, number)
             while self.has_pending_signals(process.pid):
                 time.sleep(0.001)
-            if number != signal.SIGINT:  # ends also while all units run
+            if number != signal.SIGINT:  # also ends while all units run
                 hold.unlink()
             process.communicate(timeout=60)
             self.assertNotEqual(process.returncode, 0, f"{number}, {self.lines()} lines")

@@ -88,7 +88,7 @@ inline void ExpectHeldUntilStarted(FakeRobot& robot, runtime::HoldReason reason,
     mend();
   }
   robot.loop.Idle(2.0);
-  EXPECT_EQ(robot.loop.Apply(kControl), core::PlantStatus::kFault) << "nobody has started it";
+  EXPECT_EQ(robot.loop.Apply(kControl), core::PlantStatus::kFault) << "it has not been started";
   EXPECT_EQ(robot.arm.setpoints, setpoints) << "it moved";
   if (runtime::IsFault(reason)) {
     EXPECT_NE(robot.loop.Start(), runtime::HoldReason::kNone) << "a fault has to be cleared";

@@ -71,7 +71,7 @@ TEST(FailSafeTest, OnlyAnOperatorMakesItMoveAgain) {
     Loop loop;
     loop.Bring(RunState::kRunning);
     loop.machine.Hold(reason);
-    // The reason has disappeared long ago.
+    // The reason disappeared long ago.
     for (int i = 0; i < 1000; ++i) {
       loop.Tick();
       loop.machine.Recovering(i % 2 == 0);

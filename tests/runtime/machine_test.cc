@@ -1,4 +1,4 @@
-// Access of the runtime to the machine: its clocks, its scheduler, a terminal.
+// Access of the runtime to the machine: clocks, scheduler and terminal.
 #include <gtest/gtest.h>
 #include <poll.h>
 #include <pty.h>

@@ -81,7 +81,7 @@ Episode Play(const std::shared_ptr<const GuardModel>& model, double y, Ask ask) 
 
 // Returns to the middle within the chunk, from the state at the query.
 std::vector<double> GoodPolicy(double y) { return Repeated(Action(0.0997, -y / kChunk), kChunk); }
-// This policy does not observe its position.
+// A policy that does not observe its position.
 std::vector<double> DriftingPolicy(double /*y*/) { return Repeated(Action(0.09, 0.06), kChunk); }
 
 TEST(GuardChunkTest, AGoodPolicyThatIsQueriedEveryEightStepsPlaysItsChunks) {

@@ -56,7 +56,7 @@ std::vector<core::Trajectory> Demonstrate(const Law& law, double goal, double no
   return demonstrations;
 }
 
-// Demonstrations end in motion at x = 1. Near the end, something pushes the robot aside. The policy
+// Demonstrations end in motion at x = 1. Near the end, a push moves the robot aside. The policy
 // first returns to the line and then stops at x = 1. Nearby demonstrations only move on.
 TEST(GuardPaceTest, LetsAPolicyReturnAfterAPushNearTheEnd) {
   const Law law = [](const std::vector<double>& x) {

@@ -147,7 +147,7 @@ TEST(GuardTest, IsTheControllerOfItsStrategy) {
   }
 }
 
-// Strategies whose controllers do not count actions themselves, too.
+// Also tests strategies whose controllers do not count actions.
 TEST(GuardTest, HaltsAfterTheLargestNumberOfActions) {
   for (const Strategy strategy : {Strategy::kGuard, Strategy::kController, Strategy::kDfr,
                                   Strategy::kMonitor, Strategy::kCertified}) {

@@ -152,7 +152,7 @@ TEST_F(TaskModelTest, AFolderKeepsAllBits) {
   }
 }
 
-// A loaded model would take an angle of 2 pi for a state far away.
+// Without the map, a loaded model would treat an angle of 2 pi as a distant state.
 TEST_F(TaskModelTest, AFolderDoesNotLoseTheMapOfAngles) {
   const TaskModel fitted = Fit(true);
   const core::StateMap map({}, {{1, 0.0, 6.283185307179586}});

@@ -215,7 +215,7 @@ TEST_F(PsmConsoleServerTest, CartesianStatesAreGoals) {
   });
 }
 
-// Tests each fault by its name, as seen by a client.
+// Tests each fault by its name and its effect on a client.
 class ConsoleFaultTest : public PsmConsoleServerTest {
  protected:
   void SetUp() override {

@@ -148,7 +148,7 @@ TEST(PsmConsoleTest, FaultStopsTheArmAndReportsTheReason) {
 }
 
 // A console has no timeout for old commands.
-TEST(PsmConsoleTest, LastServoGoalIsHeldForEver) {
+TEST(PsmConsoleTest, LastServoGoalIsHeldIndefinitely) {
   PsmConsole console = Homed();
   console.ServoJp(PsmHomeWith(1, 0.2));
   Pass(console, 20.0);

@@ -77,8 +77,8 @@ class DvrkSceneServerTest : public testing::Test {
     return reply.text;
   }
 
-  // Same as Ask() for a run with a command, which is repeated until it arrives: a busy machine
-  // loses commands.
+  // Same as Ask() for a run with a command. Repeats the command until it arrives, because a busy
+  // machine loses commands.
   std::string AskWith(const dds::JointState& command, const std::string& run) {
     std::string reply;
     do {

@@ -117,8 +117,8 @@ Study Pictured(int threads) {
   return study;
 }
 
-// A monitor that sees pictures passes every action: its episodes equal the episodes of the policy
-// alone. The second condition disturbs only the pictures, which the policy does not see.
+// A monitor on pictures passes every action: its episodes equal the episodes of the policy alone.
+// The second condition disturbs only the pictures, which the policy does not receive.
 TEST(PicturedGuardsTest, MonitorsChangeNothingAndThreadsDoNotMatter) {
   const std::vector<Row> rows = RunStudy(Pictured(1));
   ASSERT_EQ(rows.size(), 6u);
@@ -131,7 +131,7 @@ TEST(PicturedGuardsTest, MonitorsChangeNothingAndThreadsDoNotMatter) {
   EXPECT_TRUE(rows == RunStudy(Pictured(2)));
 }
 
-// Without a guard that sees pictures, disturbed pictures would have no effect.
+// Without a guard on pictures, disturbed pictures would have no effect.
 TEST(PicturedGuardsTest, NeedFeaturesAndTasksWithPictures) {
   const auto error = [](const auto& change) {
     Study study = Pictured(1);

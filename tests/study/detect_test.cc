@@ -116,7 +116,7 @@ TEST(DetectTest, TooManyFeaturesAreReducedWithAReason) {
   EXPECT_THROW((void)Detect(set, {}), std::invalid_argument);
 }
 
-TEST(DetectTest, AMissingFileIsNamedWithWhereToGetOne) {
+TEST(DetectTest, TheErrorForAMissingFileNamesSources) {
   EXPECT_THAT(
       dfr::test::MessageOf<std::runtime_error>(
           [&] { (void)LoadDetection({.files = {"nowhere.hdf5"}}); }),

@@ -36,7 +36,7 @@ TEST(GuardsTest, RunsPoliciesThatLearnAgain) {
   EXPECT_EQ((rows[{"none", "baseline"}].collided), 0);
 }
 
-// A policy that steers for the constraints collides in every episode. A guard saves five of six
+// A policy that steers towards the constraints collides in every episode. A guard saves five of six
 // episodes. Trials differ: few trials would show a share between three quarters and all.
 TEST(GuardsTest, SavesEpisodesFromAnAdversary) {
   const std::vector<Row> rows = RunStudy(OnReach({"at-constraints"}, 12, 20));

@@ -216,7 +216,8 @@ TEST(InterventionTest, SuccessIsAShareOfTheEpisodesOfAllTrials) {
     const auto column = static_cast<std::size_t>(after - table.header.begin());
     EXPECT_EQ(table.header.at(column + 1), "without intervention");
     EXPECT_EQ(table.rows[0].at(column) + table.rows[0].at(column + 1), "") << "alone";
-    // 25 of 30 and 50 of 60: trials vary, so the intervals are wider than intervals of episodes.
+    // 25 of 30 and 50 of 60. Trials vary, and the intervals are therefore wider than intervals of
+    // episodes.
     for (const std::size_t i : {column, column + 1}) {
       EXPECT_THAT(table.rows[1].at(i), testing::StartsWith("83.3 [")) << table.header[i];
     }

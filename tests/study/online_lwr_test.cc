@@ -26,7 +26,7 @@ Eigen::Vector2d Moved(const Eigen::Vector2d& x, const Eigen::Vector2d& u, double
   return x + kGain * (Eigen::Rotation2Dd(turn) * u);
 }
 
-// Returns demonstrations so few that all transitions in the window are among the nearest.
+// Returns few demonstrations: all transitions in the window are among the nearest.
 std::vector<core::Trajectory> Demonstrations() {
   std::vector<core::Trajectory> demonstrations;
   core::Random random(3);

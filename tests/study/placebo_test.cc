@@ -276,7 +276,7 @@ TEST(FigureTest, HasOnePointPerMethod) {
   EXPECT_GT(series.high[0], 0.75);
 }
 
-// A regression changes none of its own controls. Its row must not read as that of a perfect guard.
+// A regression changes none of its controls. Its row must not resemble the row of a perfect guard.
 TEST(RowTest, APolicyAmongTheMethodsHasNoShareOfPassedControls) {
   TrialCounts counts{.episodes = 10, .completed = 9, .left_alone = 10, .left_alone_completed = 9};
   counts.controls = 100.0;

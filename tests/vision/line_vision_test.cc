@@ -118,7 +118,7 @@ TEST(LineVisionTest, MeasuresWhatWasDrawnOnBothSidesOfTheLine) {
   }
 }
 
-TEST(LineVisionTest, SeesMarksOfAnySizeThatTheCameraGives) {
+TEST(LineVisionTest, DetectsMarksOfAnySize) {
   Picture picture;
   picture.camera = {
       .width = 1920, .height = 1080, .fx = 2000, .fy = 2000, .cx = 959.5, .cy = 539.5};

@@ -196,7 +196,7 @@ TEST_F(CertifiedControllerTest, TheSameStatesGiveTheSameControls) {
 }
 
 // Demonstrations move at one speed or stand still. The first entry of a control keeps these two
-// values, also if the second entry is raised or probed.
+// values, even if the second entry is raised or probed.
 TEST_F(CertifiedControllerTest, AnEntryWithFewValuesKeepsThem) {
   const test::Task task{test::IdentityFeatures(), support, test::RightwardsOrStill()};
   const test::FunctionPolicy policy(
@@ -239,8 +239,8 @@ TEST_F(CertifiedControllerTest, ACorrectionStaysWithinItsLimit) {
   EXPECT_LE(u[0], 0.12 + 1e-12);
 }
 
-// Each control consumes its share of the time, and no state follows it. Only recoveries and probes
-// count against the patience.
+// Each control consumes its share of the time, and the state does not change. Only recoveries and
+// probes count against the patience.
 TEST_F(CertifiedControllerTest, LearnedControlsInOnePhaseEndWithTheTime) {
   const auto policy = test::ConstantPolicy(2, 0.08);
   CertifiedOptions options = Certified(17.0);

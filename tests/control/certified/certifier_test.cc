@@ -262,7 +262,7 @@ TEST_F(CertifierTest, AdmittedControlsAreCertified) {
   EXPECT_LE(climbs, 1);
 }
 
-// Entry 0 has the values -2 and 1. It is neither raised nor shrunk, also in a probe; without a
+// Entry 0 has the values -2 and 1. It is neither raised nor shrunk, even in a probe. Without a
 // learned control it is 0.
 TEST_F(CertifierTest, AnEntryWithFewValuesKeepsThem) {
   Certifier certifier({0.3}, 2, 2, kUnit);

@@ -85,7 +85,7 @@ TEST_F(GuidedControllerTest, DeepInsideControlsPassByTheirPrediction) {
   }
 }
 
-// A late robot reveals its lag with the first controls.
+// The first controls reveal the lag of a robot whose motion is delayed.
 TEST_F(GuidedControllerTest, TheFirstControlsRevealALag) {
   const auto policy = test::ConstantPolicy(2, test::kSpeed);
   GuidedController guided(policy, model);
@@ -197,7 +197,7 @@ TEST_F(GuidedControllerTest, WithLeastInterventionMoreControlsPass) {
   EXPECT_GT(passed(true), passed(false));
 }
 
-// A controller that takes over in mid-task begins at the given step.
+// A controller that takes over during the task begins at the given step.
 TEST_F(GuidedControllerTest, StartsAtTheFirstStep) {
   const auto policy = test::ConstantPolicy(2, 0.08);
   GuidedController guided(policy, model, {.horizon = 20, .first_step = 12});

@@ -87,9 +87,9 @@ TEST_F(GuidedRecoverySlackTest, TheBestControlPassesWithinTheExitLevelAndTheDemo
   }
 }
 
-// The object is too far aside. Ascent would end at B_1's centre, but the demonstrated control, to
-// the right, is applied. Its y component is shrunk by the regression's ridge, because these
-// features are far smaller than whitened ones.
+// The object is too far to the side. Ascent would end at B_1's centre, but the demonstrated
+// control, to the right, is applied. Its y component is shrunk by the regression's ridge, because
+// these features are far smaller than whitened ones.
 TEST_F(GuidedRecoverySlackTest, ARecoveryThatStaysOutsideAppliesTheDemonstratedControl) {
   const auto policy = Along(-test::kSpeed);
   const test::Task model = Model(0.1);
@@ -165,8 +165,7 @@ TEST_F(GuidedRecoveryTest, ComesBackFromOutside) {
   EXPECT_LT(controls, 10);
 }
 
-// Demonstrations without sideways controls. They do not show the effect of the control's second
-// entry.
+// Demonstrations without sideways controls. They contain no effect of the control's second entry.
 std::vector<core::Trajectory> Sideless() {
   auto demonstrations = Rightwards();
   for (auto& d : demonstrations) d.controls.col(1).setZero();
@@ -372,9 +371,9 @@ TEST_F(GuidedRecoveryTest, TheSameStatesGiveTheSameControls) {
   EXPECT_EQ(controls(2), first);
 }
 
-// Beyond the exit level, controls that lead away from all demonstrations end the episode early. A
-// state that rests, moves along the demonstrations, returns once, or is near demonstrated states of
-// another phase is waited for.
+// Beyond the exit level, controls that lead away from all demonstrations end the episode early. The
+// controller waits for a state that rests, moves along the demonstrations, returns once, or is near
+// demonstrated states of another phase.
 TEST_F(GuidedRecoveryTest, HaltsAfterFourControlsThatLeadAway) {
   const auto policy = test::ConstantPolicy(2, 0.0);
   const auto controls = [&](bool least, double dx, double dy, int back) {

@@ -100,7 +100,7 @@ TEST_F(GradientRecoveryTest, LearnsFromItsOwnControls) {
 
 // The first control ends outside the gate, at the limit, and has its predicted effect. The
 // measurement then changes nothing.
-TEST_F(GradientRecoveryTest, AConfirmedResponseStaysAsItWas) {
+TEST_F(GradientRecoveryTest, AConfirmedResponseIsUnchanged) {
   GradientRecovery recovery(model, 0.2);
   GradientRecovery fresh(model, 0.2);
   recovery.Reset(1);

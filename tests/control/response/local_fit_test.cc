@@ -26,8 +26,8 @@ using test::Store;
 constexpr int kEntries = 3;
 
 // Demonstrations apply v = K (z* - z) exactly, and dz = v. In this episode, the plant turns
-// controls by .6 rad and a disturbance acts. The control with the demonstrated effect is turned
-// back and compensates for the disturbance.
+// controls by .6 rad and a disturbance acts. The control with the demonstrated effect reverses the
+// turn and compensates for the disturbance.
 TEST(LocalFitTest, TheNominalControlHasTheDemonstratedEffectOnAChangedPlant) {
   core::Random random(5);
   const Eigen::Vector2d goal(0.5, -0.3);

@@ -186,7 +186,7 @@ TEST(ResponseEstimateTest, ResetRemovesTheLastEpisode) {
   }
 }
 
-// A fit keeps its bits after fits at other states and after calls of its own functions.
+// A fit keeps its bits after fits at other states and after calls of its functions.
 TEST(ResponseEstimateTest, AFitDependsOnMeasurementsAndArgumentsAlone) {
   core::Random random(13);
   const auto d = Linear(RandomMatrix(random, kN, kM), 20, 10, random);

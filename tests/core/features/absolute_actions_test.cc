@@ -116,7 +116,7 @@ TEST(AbsoluteActionsTest, DifferencesAreTheDistanceToTheTarget) {
   EXPECT_TRUE(FindAbsoluteActions(set).empty());
 }
 
-// Ticks per second beside radians per second.
+// The second action may have any unit: ticks per second beside radians per second, for example.
 TEST(AbsoluteActionsTest, UnitsOfOtherActionsChangeNoVerdict) {
   World world = Velocities(1.0);
   world.observe = [](const auto& x, const auto&, const auto& last) {
@@ -270,8 +270,8 @@ TEST(AbsoluteActionsTest, EarlierActionsInTheStateAreNotPositions) {
   }
 }
 
-// A gripper moves no entry of the state. Nothing but the observation of the whole action shows that
-// its entry is a copy.
+// A gripper moves no entry of the state. Only the observation of the whole action shows that its
+// entry is a copy.
 TEST(AbsoluteActionsTest, AGripperWithinTheLastActionIsNotAPosition) {
   auto set = Late(1);
   for (Trajectory& episode : set) {
@@ -287,7 +287,7 @@ TEST(AbsoluteActionsTest, AGripperWithinTheLastActionIsNotAPosition) {
     episode = {.states = states, .controls = controls};
   }
   EXPECT_TRUE(FindAbsoluteActions(set).empty());
-  // In another order the entries are no observation of the action.
+  // In another order the entries are not an observation of the action.
   for (Trajectory& episode : set) episode.states.col(0).swap(episode.states.col(2));
   const auto found = FindAbsoluteActions(set);
   ASSERT_EQ(found.size(), 1U);

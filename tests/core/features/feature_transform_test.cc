@@ -110,8 +110,8 @@ TEST(FeatureTransformTest, RoundingIsNoVariance) {
   EXPECT_NEAR(transform.scale()(2, 2), 1.0, 0.2);
 }
 
-// Two ways are 20 standard deviations apart. A unit of z is at most a third of half their distance.
-// Without local scatter it is half their distance.
+// Two paths are 20 standard deviations apart. A unit of z is at most a third of half their
+// distance. Without local scatter it is half their distance.
 TEST(FeatureTransformTest, SeveralWaysAreNotOneWideOne) {
   Random random(3);
   std::vector<Matrix> demonstrations;

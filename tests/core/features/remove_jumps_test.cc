@@ -10,8 +10,8 @@
 namespace dfr::core {
 namespace {
 
-// Column 0 moves at random. Column 1 is an angle over two revolutions and back. Columns 2 to 5 are
-// a quaternion about z.
+// Column 0 moves at random. Column 1 is an angle that makes two revolutions and returns. Columns 2
+// to 5 are a quaternion about z.
 Trajectory Turned(Random& random) {
   constexpr int kSteps = 60;
   Trajectory turned;

@@ -142,7 +142,7 @@ TEST(RotationsTest, AQuaternionThatIsNotNormalisedIsFoundByItsSigns) {
     map.Apply(a);
     MapOfOne(found).Apply(b);
     for (std::size_t i = 0; i < a.size(); ++i) EXPECT_NEAR(a[i], b[i], 1e-12);
-    // Without a change of sign the entries may as well be lengths.
+    // Without a change of sign the entries may also be lengths.
     EXPECT_THAT(FindRotations(Layout(4), scaled(Quaternions(1.2, false), length)), IsEmpty());
   }
   EXPECT_THAT(FindRotations(Layout(4), scaled(exact, 1.12)), IsEmpty());
@@ -377,7 +377,7 @@ TEST(StateMapTest, NormalisesQuaternions) {
     map.Apply(again);
     EXPECT_EQ(again, state);
   }
-  // Other lengths stay as they are, and far from all orientations.
+  // Quaternions of other lengths stay unchanged, far from all orientations.
   EXPECT_EQ(map.Value(std::vector{9.0, 0.0, 2.0, 0.0, 0.0}, 2), 2.0);
   EXPECT_EQ(map.Value(std::vector{9.0, 0.0, 0.0, 0.0, 0.0}, 2), 0.0);
 }
@@ -399,7 +399,7 @@ TEST(StateMapTest, InvalidPartsAreNamed) {
   EXPECT_THAT(refusal({{0, {1.0, 0.0, 0.0, 0.0}}}, {}), HasSubstr("of at least 4 entries, not 3"));
   EXPECT_THAT(refusal({}, {{0, 0.0, 0.0}}), HasSubstr("its period positive"));
   EXPECT_THAT(refusal({}, {{-1, 0.0, 1.0}}), HasSubstr("entry -1"));
-  // Features of a doubled circle would need more room than the selection has.
+  // Features of a repeated circle would exceed the size of the selection.
   EXPECT_THAT(refusal({}, {}, {{1, 1.0}, {1, 1.0}}), HasSubstr("entry 1 belongs to two rotations"));
   EXPECT_THAT(refusal({}, {{2, 0.0, 1.0}}, {{2, 1.0}}), HasSubstr("entry 2 belongs to two"));
 }

@@ -77,7 +77,7 @@ TEST_F(AtomicFileTest, WithoutCommitTheFileIsUnchanged) {
   ExpectOnly(1);
 }
 
-TEST_F(AtomicFileTest, ASymbolicLinkStaysOne) {
+TEST_F(AtomicFileTest, ASymbolicLinkStaysALink) {
   const auto target = folder_ / "target";
   const auto link = folder_ / "link";
   ReplaceFile(target, "before");

@@ -35,7 +35,7 @@ TEST(ReadFileTest, ReturnsEveryByte) {
   EXPECT_EQ(ErrorOf([] { return ReadFile("/nonexistent"); }), "/nonexistent: cannot be read");
 }
 
-TEST(ReadFileTest, AFailingDiskIsNoShorterFile) {
+TEST(ReadFileTest, AFailingDiskIsAnError) {
   const std::string error = std::string(kUnreadable) + ": cannot be read to its end";
   EXPECT_EQ(ErrorOf([] { return ReadFile(kUnreadable); }), error);
   EXPECT_EQ(ErrorOf([] { return ReadTomlText(kUnreadable); }), error);

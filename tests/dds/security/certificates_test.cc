@@ -67,7 +67,7 @@ TEST_F(CertificatesTest, FoldersAndFilesThatOthersCanChangeAreRefused) {
   }
 }
 
-TEST_F(CertificatesTest, AnAuthorityWhoseKeyOthersCanReadAdmitsNobody) {
+TEST_F(CertificatesTest, AnAuthorityWhoseKeyOthersCanReadAdmitsNoParticipant) {
   using std::filesystem::perm_options;
   std::filesystem::permissions(ca_key_, perms::others_read, perm_options::add);
   EXPECT_THAT(dfr::test::MessageOf<std::runtime_error>(

@@ -10,7 +10,7 @@
 
 namespace dfr::test {
 
-/// A lab's certificates in a separate folder, removed at the end.
+/// A lab's certificates in a separate folder, which the destructor removes.
 class Keystore {
  public:
   Keystore(std::initializer_list<std::pair<const char*, dds::Permission>> participants) {

@@ -70,7 +70,7 @@ TEST_F(EmergencyStopJudgeTest, APressOnEitherWayStaysUntilReleasedAndAcknowledge
     judge_.Hear(way, Button(1), true, kStart);
     EXPECT_EQ(judge_.Check(kStart), EmergencyStop::kPressed) << "it is still pressed";
     Hear(1, kStart);
-    EXPECT_EQ(judge_.Check(kStart), EmergencyStop::kPressed) << "nobody has acknowledged it";
+    EXPECT_EQ(judge_.Check(kStart), EmergencyStop::kPressed) << "no operator has acknowledged it";
     EXPECT_EQ(judge_.Check(kStart + 2 * kSilence), EmergencyStop::kPressed) << "also silent";
     EXPECT_EQ(judge_.Check(kStart), EmergencyStop::kPressed);
     judge_.Acknowledge();

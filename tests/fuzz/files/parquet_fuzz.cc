@@ -1,4 +1,4 @@
-// Apache Parquet: every column of every row group, as far as it is readable.
+// Apache Parquet: every readable column of every row group.
 #include <stdexcept>
 
 #include "parquet/parquet_file.h"

@@ -188,7 +188,7 @@ TEST(ModelSelectionTest, SharesCountStatesDemonstrationsTimeStepsAndDraws) {
   const Selection s = SelectModel(demonstrations, options);
   ASSERT_EQ(s.rows.size(), 2u);
   for (const SelectionRow& row : s.rows) {
-    // A demonstration that stands still is inside at all of its states or none.
+    // A demonstration that stands still has all of its states inside, or none.
     EXPECT_NEAR(row.acceptance, row.inside_throughout, 1e-12);
     EXPECT_NEAR(24.0 * row.inside_throughout, std::round(24.0 * row.inside_throughout), 1e-9);
     EXPECT_GE(row.support_vectors, 0.5 * 18.0);

@@ -191,7 +191,7 @@ TEST(TimeVaryingSupportTest, ErrorsNameTheDemonstration) {
   EXPECT_THAT(fit({}), HasSubstr("no demonstrations"));
 }
 
-TEST_F(TimeVaryingSupportFileTest, LoadGivesBackEveryBit) {
+TEST_F(TimeVaryingSupportFileTest, LoadRestoresEveryBit) {
   const auto saved = TimeVaryingSupport::Fit(Walks(30, 48), {.svm = {.gamma = 1.3}});
   saved.Save(path_);
   const auto loaded = TimeVaryingSupport::Load(path_);

@@ -178,14 +178,14 @@ TEST(WhitenedSupportTest, TheGapBetweenTwoWaysIsFound) {
   const auto ways = Passing(3.0);
   const ModeSeparationTest tight = TestModeSeparation(WhitenedSupport::Fit(ways), ways);
   EXPECT_EQ(tight.steps, 21);
-  // The ways meet at the ends. At nine time steps they are more than 4.8 apart.
+  // The paths meet at the ends. At nine time steps they are more than 4.8 apart.
   EXPECT_GE(tight.points, 9);
   EXPECT_LE(tight.points, 15);
   EXPECT_EQ(tight.inside, 0);
   const auto wide = WhitenedSupport::Fit(ways, {.svm = {.nu = 0.05, .gamma = 0.002}});
   const ModeSeparationTest loose = TestModeSeparation(wide, ways);
   EXPECT_EQ(loose.inside, loose.points) << "one cloud for both ways";
-  // With one way there is no gap.
+  // With one path there is no gap.
   const auto way = Passing(0.0);
   EXPECT_LE(TestModeSeparation(WhitenedSupport::Fit(way), way).points, 2);
   EXPECT_THROW((void)TestModeSeparation(wide, std::vector<core::Matrix>{core::Matrix::Zero(3, 3)}),
@@ -284,7 +284,8 @@ TEST(WhitenedSupportTest, ACoarseSupportHasEveryFourthEstimate) {
   }
 }
 
-// A map of many features takes long: a user's Ctrl-C does not wait for the maps of all time steps.
+// A map of many features takes long to compute: after Ctrl-C, a fit does not compute the maps of
+// the remaining time steps.
 TEST(WhitenedSupportTest, AStoppedFitEndsWithItsTimeStep) {
   const std::vector<core::Matrix> demonstrations = Walks(20);
   WhitenedSupportOptions options;

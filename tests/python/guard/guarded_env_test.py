@@ -199,7 +199,7 @@ class GuardedEnvTest(unittest.TestCase):
         np.testing.assert_array_equal(env.step(action_for(0.05, 0.0))[4]["action"], action_for(0.05, 0.0))
 
     def test_after_the_end_of_an_episode_it_halts_until_reset(self):
-        """An environment that resets itself would go on with the first time step of another episode."""
+        """An environment that resets itself would continue with the first time step of another episode."""
         class Resetting(Corridor):
             def step(self, action):
                 obs, reward, terminated, truncated, info = super().step(action)

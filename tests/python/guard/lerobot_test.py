@@ -91,7 +91,7 @@ class GuardStepTest(unittest.TestCase):
         x[1] += 0.1
         held = x[1:].copy()
         step.guard.stop()
-        for _ in range(3):  # the pose of the halt, not where the arm sags to
+        for _ in range(3):  # the pose at the halt, not the pose to which the arm sags
             np.testing.assert_array_equal(step(self.transition(x, x[1:] + wish))["action"], held)
             x[2] -= 0.05
         step.reset()

@@ -33,7 +33,7 @@ using testing::Not;
 
 constexpr double kPi = std::numbers::pi;
 
-// The corridor, with a tool that turns about z by kTurnRate per step and little about other axes.
+// The corridor, with a tool that turns about z by kTurnRate per step and slightly about other axes.
 // Actions have a third entry, the turn. `rotation` writes the angle as entries of the state.
 constexpr double kTurnRate = 0.06;
 using Writer = std::function<std::vector<double>(double angle, core::Random& random)>;
@@ -253,7 +253,7 @@ TEST(ContinuousStatesTest, AnAngleOverSeveralRevolutionsIsContinuous) {
   }
 }
 
-// At 1e30 revolutions a double holds no angle.
+// A double cannot represent an angle of 1e30 revolutions.
 TEST(ContinuousStatesTest, AnAngleThatNoRobotReportsHaltsWithItsEntry) {
   const auto centred = GuardModel::Fit(Layout("angle", 1), Turning(Wrapped, 1, 30, 2.6));
   const auto constant = GuardModel::Fit(

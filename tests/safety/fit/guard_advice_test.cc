@@ -130,7 +130,7 @@ TEST(GuardAdviceTest, AttributionOfAnImmeasurableStateIsNaN) {
   }
 }
 
-// The same demonstrations with one entry in a unit that is 1024 times smaller.
+// Compares the same demonstrations with one entry in a unit that is 1024 times smaller.
 TEST(GuardAdviceTest, AttributionDoesNotDependOnUnits) {
   std::vector<core::Trajectory> demonstrations = test::CorridorDemonstrations(1, 40);
   core::Matrix states = demonstrations[0].states;
