@@ -44,7 +44,8 @@ void RunEmergencyStop(const EmergencyStopOptions& options) {
                                      "release it; q and Enter press it and quit")
             << std::endl;
   runtime::Keyboard keyboard;
-  // Reads the messages of all robots: the newest message alone could hide another robot's.
+  // Reads the messages of all robots: the newest message alone could hide the message of another
+  // robot.
   dds::Subscriber<dds::OperatingState> states(participant, dds::kRunStateTopic,
                                               dds::Role::kRequest);
   RobotWatch robots(std::cout);

@@ -9,7 +9,7 @@ namespace dfr::apps::hardware_app {
 struct EmergencyStopOptions {
   dds::ParticipantOptions network = {.name = "emergency_stop"};
   bool unattended =
-      false;  ///< No operator is at the terminal: reports only that nothing is pressed.
+      false;  ///< No operator is at the terminal: reports only that the stop is not pressed.
 };
 
 /// Meaning of a line typed at an emergency stop.

@@ -19,9 +19,9 @@ inline constexpr const char* kBetween = ": ";
 /// Shares are in per cent. The first table has means and worst rows.
 [[nodiscard]] std::vector<experiment::ReportTable> MakeTables(const std::vector<Row>& rows);
 
-/// Judges each method over all policies except "none", compared with the same policies alone: by 95
-/// % intervals of the episodes that it saves and harms, then by the share of controls that it
-/// passes. Placebos, other policies and monitors are not judged.
+/// Judges each method over all policies except "none", compared with the same policies alone: first
+/// by the 95 % intervals of the episodes that it saves and harms, then by the share of controls
+/// that it passes. Placebos, other policies and monitors are not judged.
 [[nodiscard]] std::vector<experiment::ReportJudgement> JudgeMethods(const std::vector<Row>& rows);
 /// The rule of JudgeMethods(), for readers.
 inline constexpr const char* kJudgedBy =

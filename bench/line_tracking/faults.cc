@@ -113,7 +113,7 @@ std::vector<Fault> Faults() {
   faults.push_back(Injected("frozen-noisy-image", "camera", "frozen_noisy", "none"));
   faults.push_back(Injected("image-late-1s", "camera", "late", "none"));
   // Interference by another client. The site creates these publishers before the fault, as a
-  // console creates its own.
+  // console does.
   faults.push_back({"teleoperation", [](Site& s) { s.following.Write({true}); },
                     [](Site& s) { s.following.Write({false}); }, false, false});
   faults.push_back({"clutch",

@@ -38,7 +38,7 @@ class Writer {
  public:
   explicit Writer(std::uint64_t seed) : random_(seed) {}
 
-  /// Creates a packet for DDS from one of `heard`, or from scratch.
+  /// Creates a packet for DDS from one of the messages `heard`, or from scratch.
   Bytes Message(const std::vector<Bytes>& heard) {
     const std::uint64_t kind = Below(10);
     if (kind == 0) return Noise(Below(300));

@@ -41,7 +41,7 @@ class Experiment:
 
     Results are the same for any number of processes. One process with its own plant runs each unit
     (a trial, a data point and a learner), and all randomness follows from seeds. Code that draws from
-    `random` or `numpy.random` is covered, too: both are seeded before each call of `demonstrate`,
+    `random` or `numpy.random` is also covered: both are seeded before each call of `demonstrate`,
     `learn` and `guard` and before each episode.
 
     Attributes

@@ -202,7 +202,7 @@ Guard Copy(const Guard& guard) { return Guard(guard.model().With(guard.model().s
 py::dict SummaryOf(const Guard& guard) {
   const safety::GuardSummary& summary = guard.model().summary();
   py::dict values;
-  // A file's name can be any bytes; Python decodes it as in its own lists of files.
+  // A file's name can be any bytes. Python decodes it as in os.listdir().
   values["source"] = py::reinterpret_steal<py::str>(PyUnicode_DecodeFSDefaultAndSize(
       summary.source.data(), static_cast<Py_ssize_t>(summary.source.size())));
   values["version"] = summary.version;

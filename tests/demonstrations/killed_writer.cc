@@ -44,7 +44,7 @@ using imitation::RobomimicWriter;
 
 constexpr int kEpisodes = 10;  // more entries than libhdf5 keeps in one piece of a list
 
-// Appends kEpisodes episodes in a child that dies at the given write. Returns the number of
+// Appends kEpisodes episodes in a child that kills itself at the given write. Returns the number of
 // acknowledged episodes, and sets `done` if the child completed.
 template <typename MakeWriter>
 int AppendUntilKilled(int writes, const MakeWriter& make_writer, bool* done) {

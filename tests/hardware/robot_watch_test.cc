@@ -65,7 +65,7 @@ TEST_F(RobotWatchTest, ConsecutiveProgramsAreOneRobot) {
   EXPECT_EQ(Said(), "robot: running\nrobot: ended\nrobot: idle\n");
 }
 
-// A hostile participant can neither flood the screen nor write control characters.
+// A hostile participant cannot flood the screen or write control characters.
 TEST_F(RobotWatchTest, CountsAFloodAndStillReportsSilence) {
   for (int i = 0; i < 1000; ++i) watch_.Hear(kFirst, i % 2 == 0 ? "run\x1b[2Jning" : "idle", 0);
   EXPECT_EQ(Said(),

@@ -84,7 +84,7 @@ TEST_F(PsmClientTest, JawTurnsAtConstantSpeedAndOnlyOnRequest) {
 }
 
 // The arm stays at its goal while the jaw turns for longer than reach_timeout_s. An arm that leaves
-// its goal meanwhile still holds.
+// its goal during that time causes a hold.
 TEST_F(PsmClientTest, ALongJawMoveEndsAtItsGoal) {
   ArmNow();
   ASSERT_EQ(client_.MoveJaw(1.0, 3.0), PsmStatus::kOk);
@@ -106,7 +106,7 @@ TEST_F(PsmClientTest, ALongJawMoveEndsAtItsGoal) {
   EXPECT_EQ(client_.status(), PsmStatus::kNotReached) << Name(client_.status());
 }
 
-// A jaw that others have turned since the last sample would leap to the move's stale start.
+// A jaw that others have turned since the last sample would jump to the move's outdated start.
 TEST_F(PsmClientTest, AJawWhoseSetpointIsSilentIsNotMoved) {
   const auto silent = [](PsmInput& input) { input.jaw_setpoint.reset(); };
   ArmNow();

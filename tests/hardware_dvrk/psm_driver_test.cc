@@ -141,7 +141,7 @@ TEST_F(PsmDriverTest, EveryTopicThatCommandsTheArmIsWatched) {
     const dds::Publisher<dds::PoseStamped> second(intruder, "/PSM1/servo_cp", dds::Role::kCommand);
     holds();
   }
-  // A publisher also causes a hold if the driver does not know its type. The test uses an arbitrary
+  // A publisher also causes a hold if its type is unknown to the driver. The test uses an arbitrary
   // type.
   for (const char* topic :
        {"servo_ci", "body/servo_cf", "move_jp", "interpolate_cp", "jaw/servo_jp", "jaw/move_jp"}) {

@@ -164,8 +164,8 @@ TEST(SimulatorLinkTest, AnUnansweredRequestTimesOut) {
   EXPECT_GE(periods, 3 + 10);
 }
 
-// A loop in a hold also asks for rest and pictures. After one question without an answer it must
-// not wait for the others.
+// A loop that holds also requests rest and pictures. After one unanswered request it must not wait
+// for the other requests.
 TEST(LockStepTest, AfterAnUnansweredRequestNothingWaitsUntilRetry) {
   dds::Participant network({.domain = test::OwnDomain()});
   hardware::PsmDriver driver(network, {});

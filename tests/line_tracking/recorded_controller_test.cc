@@ -63,7 +63,7 @@ TEST(RecordedControllerTest, AReplayRepeatsAllDecisionsAndDetectsADifference) {
   testing::internal::CaptureStdout();
   EXPECT_TRUE(ReplayRecording(path, {}));
   // If methods have changed since the recording, the replay prints why decisions may differ.
-  // The recording's own words do not control the terminal.
+  // Text in the recording does not control the terminal.
   EXPECT_THAT(testing::internal::GetCapturedStdout(),
               testing::AllOf(testing::HasSubstr("this program is of commit "),
                              testing::HasSubstr("commit 0123456789ab\\x1b[2J\n")));

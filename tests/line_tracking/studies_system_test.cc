@@ -51,7 +51,7 @@ TEST(ProbeStudyTest, DfrDoublesCompletionsAndRemovesCollisions) {
   }
 }
 
-// The goal of guided recovery, also if the platform continues to move after every control: 95 %
+// The goal of guided recovery, even if the platform continues to move after every control: 95 %
 // completed, 2 % collided. A method that completes 98 % would miss the goal in 5 % of runs of 100
 // episodes, but the seeds are fixed.
 TEST(LineTrialRunnerTest, GuidedRecoveryCompletesOnAMovingPlatform) {

@@ -73,7 +73,7 @@ class ReleaseTest(unittest.TestCase):
         self.assertEqual((self.artefacts / "a.deb").read_text(),
                          f"{self.clone}/build/release-work/dfr-{self.version} 7\n")
         self.assertIn("a.deb\n", (self.artefacts / "SHA256SUMS").read_text())
-        # Files have the modes of the tarball, whatever the mask of the user. The test is void for root.
+        # Files have the modes of the tarball, regardless of the user's umask. As root, the test has no effect.
         module = self.clone / f"build/release-work/dfr-{self.version}/python/dfr/__init__.py"
         self.assertEqual(module.stat().st_mode & 0o777, 0o644)
 

@@ -122,7 +122,7 @@ TEST(LineTrackingPicturesTest, AStateThatTheImageDoesNotShowIsNaN) {
   EXPECT_EQ(reason(CameraFault::kNoLine), vision::NotSeen::kLine);
   EXPECT_EQ(reason(CameraFault::kNoTip), vision::NotSeen::kTip);
 
-  // The tip is really outside the picture.
+  // The true tip is outside the picture.
   plant.Reset(12);
   ASSERT_TRUE(plant.MoveTip({0.075, 0.0, 0.003}));
   plant.Look();

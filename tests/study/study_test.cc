@@ -332,7 +332,7 @@ TEST(BaselinesTest, LearnAndRun) {
   // A policy that is trained in the states that the learner visits fails less often.
   EXPECT_GE(alone("dagger").completed, alone("learned").completed);
   for (const std::string& policy : study.policies) {
-    // Only the oracle knows the result of its control.
+    // Only the oracle tries its control on a copy of the plant.
     EXPECT_LE(Find(rows, "as demonstrated", policy, "true-jacobian").collided,
               alone(policy).collided)
         << policy;

@@ -18,7 +18,7 @@ struct StopLook {
       : state(found), only_datagrams_silent(only_datagrams) {}
 
   dds::EmergencyStop state;
-  bool only_datagrams_silent;  ///< True if the stop is heard over DDS, but not by datagram.
+  bool only_datagrams_silent;  ///< True if the stop is received over DDS, but not by datagram.
 };
 
 /// Interface of a checked arm: a driver at a console, and the other participants of the network.

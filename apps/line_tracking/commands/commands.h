@@ -88,8 +88,8 @@ struct LaunchOptions {
   std::uint64_t seed = 1001;
 };
 void RunLaunch(const LaunchOptions& options);
-/// Returns the arguments with which RunLaunch() starts dvrk_simulator, without those of the
-/// network.
+/// Returns the arguments with which RunLaunch() starts dvrk_simulator, except the network's
+/// arguments.
 [[nodiscard]] std::vector<std::string> SimulatorArguments(const RobotConfig& config);
 
 struct ExperimentOptions : experiment::ExperimentOptions {

@@ -28,7 +28,7 @@ robot::Finding PlatformMotion::Home() noexcept {
 
 robot::Finding PlatformMotion::Begin() noexcept {
   if (!options_.wave) return {};
-  moves_ = true;  // also if this fails, because a part of the frame may have arrived
+  moves_ = true;  // even if this fails, because a part of the frame may have arrived
   return Found(driver_.Start(*options_.wave, options_.motion));
 }
 

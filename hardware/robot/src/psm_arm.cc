@@ -21,7 +21,7 @@ robot::Finding PsmArm::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexce
   // present reason that prevents arming.
   found_ = was_active ? status : driver_->client().hold_reason();
   has_just_held_ = was_active && driver_->phase() == PsmPhase::kHolding;
-  if (found_ == PsmStatus::kHeld) return {};  // held by this program: the caller knows the reason
+  if (found_ == PsmStatus::kHeld) return {};  // held by this program, which has the reason
   const bool says_why = found_ == PsmStatus::kConsoleFault || found_ == PsmStatus::kConsoleError;
   const std::string_view error = says_why ? driver_->last_error()
                                  : driver_->held_by_others() && !driver_->who().empty()

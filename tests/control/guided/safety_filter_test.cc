@@ -285,8 +285,8 @@ TEST_F(SafetyFilterTest, TheBetterControlPassesWithinTheExitLevel) {
   EXPECT_TRUE(v == learned);
 }
 
-// One small control along the unknown entry has had an effect up or down. A probe moves down, as
-// far as this is known.
+// One small control along the unknown entry has moved the state up or down. According to the
+// resulting estimate, the probe moves the state down.
 TEST_F(SafetyFilterTest, AProbeHasTheSignWithTheHigherPredictedLevel) {
   auto demonstrations = test::Rightwards();
   for (core::Trajectory& demonstration : demonstrations) demonstration.controls.col(1).setZero();
@@ -317,9 +317,9 @@ TEST_F(SafetyFilterTest, WithoutTheNominalControlTheLearnedOneIsRaised) {
   EXPECT_TRUE(v == expected);
 }
 
-// Far outside, where no control passes, the learned control passes if its change would gain no more
-// than the margin and be small: smaller in a world that moves by itself, or has a model of a
-// disturbance, than in one that rests.
+// Far outside, where no control ends inside, the learned control passes if its change would be
+// small and gain no more than the margin. The change must be smaller in a world that moves by
+// itself, or has a disturbance model, than in a world at rest.
 TEST_F(SafetyFilterTest, AnIdleChangeIsSkippedIfNoControlPasses) {
   for (const auto& [rests, disturbed] :
        {std::pair(true, false), std::pair(false, false), std::pair(true, true)}) {

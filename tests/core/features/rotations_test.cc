@@ -122,7 +122,7 @@ TEST(RotationsTest, AQuaternionOfAnySignIsMadeContinuous) {
   }
 }
 
-// Entries that jump to their negatives are a quaternion also if their length is not exactly 1.
+// Entries that jump to their negatives are a quaternion even if their length is not exactly 1.
 TEST(RotationsTest, AQuaternionThatIsNotNormalisedIsFoundByItsSigns) {
   const auto scaled = [](std::vector<Trajectory> episodes, double length) {
     for (Trajectory& episode : episodes) episode.states.rightCols(4) *= length;

@@ -16,7 +16,7 @@
 namespace dfr::core {
 namespace {
 
-// Opens like any file, but its first read fails, as on a failing disk.
+// A file that opens normally, but whose first read fails, as on a failing disk.
 constexpr char kUnreadable[] = "/proc/self/mem";
 
 template <typename Read>

@@ -27,7 +27,7 @@ TEST(LargeNuTest, AFitEvaluatesLittleMoreThanOneGradient) {
   }
 }
 
-// The matrix is symmetric: half of it suffices, also for the start.
+// The matrix is symmetric: half of it suffices, including at the start.
 TEST(LargeNuTest, ASmallFitEvaluatesHalfTheMatrix) {
   constexpr int kSamples = 400;
   core::Random random(60);

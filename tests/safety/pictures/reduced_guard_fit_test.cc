@@ -169,7 +169,7 @@ TEST(ReducedGuardFitTest, PrefersComponentsThatActionsDependOnToSlowNuisances) {
     EXPECT_LE(model->reduction()->reduced_dim(), 3) << features;
     EXPECT_THAT(summary.components_reason, HasSubstr("components that actions depend on explain"));
     EXPECT_GE(summary.acceptance, fit::kLeastInsideReduced);
-    // States of new episodes are inside, whatever their nuisances.
+    // States of new episodes are inside, regardless of their nuisances.
     double inside = 0.0;
     double states = 0.0;
     Guard guard(model);
