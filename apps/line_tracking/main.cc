@@ -253,7 +253,7 @@ void AddVision(CLI::App& app, VisionOptions& options) {
       ->check(kCount)
       ->capture_default_str();
   command.add_option("--seed", options.seed, "random seed of the poses")->capture_default_str();
-  // // Each row has separate blur, light and noise of the images.
+  // Each row has separate blur, light and noise of the images.
   AddWorld(command, options.scene.plant, true);
   AddCalibration(command, options.scene);
   command.callback([&options] { RunVision(options); });

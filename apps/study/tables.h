@@ -23,7 +23,7 @@ inline constexpr const char* kBetween = ": ";
 /// by the 95 % intervals of the episodes that it saves and harms, then by the share of controls
 /// that it passes. Placebos, other policies and monitors are not judged.
 [[nodiscard]] std::vector<experiment::ReportJudgement> JudgeMethods(const std::vector<Row>& rows);
-/// The rule of JudgeMethods(), for readers.
+/// The rule of JudgeMethods(), as text for readers.
 inline constexpr const char* kJudgedBy =
     "Judged over all tasks, conditions and learned policies, against these policies alone. Fit "
     "for use: 95 % intervals show that the method saves more episodes than it harms, and harms "

@@ -125,7 +125,7 @@ Task LineTracking() {
   sim::LineTrackingOptions options;
   options.disturbance.wave = sim::Wave::kRandom;
   options.observation = sim::Observation::kGroundTruth;
-  // A perfect calibration: it removes all systematic errors.
+  // A perfect calibration, which removes all systematic errors.
   line_task::LineCalibration known;
   known.camera = sim::LineTrackingPlant::true_camera();
   known.p_base_cam =

@@ -73,7 +73,7 @@ std::int64_t Now() {
       .count();
 }
 
-// // Time at which a question was sent, and its travel time.
+// Time at which a question was sent, and its travel time.
 struct Answer {
   std::int64_t asked_ns = 0;
   double one_way_s = 0.0;

@@ -12,7 +12,7 @@ namespace dfr::apps::line_tracking {
 void RunRobot(const std::filesystem::path& folder, int domain, double image_age_s,
               dds::Discovery discovery, const std::string& platform);
 
-/// Makes the policy return NaN until the next "go". Signal-safe.
+/// Makes the policy return NaN until the next "go". Async-signal-safe.
 void BreakPolicy() noexcept;
 
 }  // namespace dfr::apps::line_tracking

@@ -139,7 +139,7 @@ std::vector<Fault> Faults() {
                       });
                     },
                     [guest](Site&) { guest->join(); }, false, false});
-  // // The same fault, but only the console receives the message.
+  // The same fault, but only the console receives the message.
   faults.push_back({"unheard-hold", [](Site& s) { s.link->Fault("unheard", "hold"); }, [](Site&) {},
                     false, false});
   faults.push_back({"unheard-free", [](Site& s) { s.link->Fault("unheard", "free"); }, [](Site&) {},

@@ -62,7 +62,7 @@ class Runner {
   void Run(const std::string& name, int operations, Make&& make) {
     if (name.find(options_.filter) == std::string::npos) return;
     const Operation operation = make();
-    // // Starts Callgrind's simulation only here, to save time.
+    // Starts Callgrind's simulation only here, to save time.
     CALLGRIND_START_INSTRUMENTATION;
     operation(0);  // warm
     if (options_.few) operations /= 5;

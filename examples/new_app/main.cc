@@ -83,7 +83,7 @@ core::Trajectory Supervise(std::uint64_t seed) {
     const double y = demonstration.states(t, 1);
     const double across = 0.8 + 0.1 * random.Normal();
     const double up = 10.0 * (Centre(x + 0.08) - y) + 0.1 * random.Normal();
-    // // Controls are recorded as the task applies them.
+    // Controls are recorded as the task applies them.
     demonstration.controls.row(t) << std::clamp(across, -1.0, 1.0), std::clamp(up, -1.0, 1.0);
     if (task.Apply(core::Row(demonstration.controls, t)) != core::PlantStatus::kOk) break;
   }

@@ -163,7 +163,7 @@ Guard FitGuard(const Arrays& all_states, const Arrays& all_actions, const py::ob
     MakeIncrements(blocks, convert, accept, demonstrations);
     model = GuardModel::Fit(blocks, demonstrations, options);
   } catch (const std::invalid_argument&) {
-    // // The parts of an interrupted fit may be inconsistent.
+    // The parts of an interrupted fit may be inconsistent.
     interruptible.Throw();
     throw;
   }

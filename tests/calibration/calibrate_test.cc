@@ -134,7 +134,7 @@ double MeanTipError(const line_task::LineCalibration& a, const line_task::LineCa
   return sum / 200;
 }
 
-// The priors have a negligible effect against such accurate data.
+// The effect of the priors is negligible for such accurate data.
 TEST(CalibrateTest, FindsTheTruthInExactData) {
   const line_task::LineCalibration known = True();
   CalibrationSummary summary;

@@ -273,7 +273,7 @@ TEST(HostileFilesTest, TheUsersListOfEpisodesIsRead) {
   EXPECT_EQ(reader->note(), "");
 }
 
-// A kill between the links leaves an episode that only the second list has.
+// A writer killed between the two links leaves an episode that only the second list contains.
 TEST(HostileFilesTest, AMaskNamesTheEpisodesOfTheSecondList) {
   const test::TempFolder folder;
   const std::filesystem::path path = folder / "demos.hdf5";

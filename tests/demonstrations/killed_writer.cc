@@ -25,7 +25,7 @@ void CountWrite() {
 
 }  // namespace
 
-// These functions replace the C library's, also for libhdf5.
+// These functions replace the C library's, including for libhdf5.
 extern "C" ssize_t pwrite64(int file, const void* bytes, size_t size, off64_t offset) {
   CountWrite();
   return syscall(SYS_pwrite64, file, bytes, size, offset);

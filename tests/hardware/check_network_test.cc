@@ -263,7 +263,7 @@ TEST_F(PlatformHomeTest, APortThatFailsIsNamed) {
   }
 }
 
-// Without a keyboard the operator cannot have typed the word.
+// Without a terminal the operator cannot have typed the word.
 TEST_F(PlatformHomeTest, NothingMovesWithoutATerminal) {
   const std::string command =
       std::string("echo platform | " DFR_HARDWARE " home --platform ") + emulator_.device();

@@ -398,7 +398,7 @@ TEST_F(PsmClientTest, MissingVelocitiesAreComputedFromPositions) {
       if (input.measured_js) input.measured_js->has_velocity = false;
     });
   }
-  // The move is in the middle of its course s^2 (3 - 2 s).
+  // The move is halfway along its profile s^2 (3 - 2 s).
   EXPECT_NEAR(client_.measured_js().velocity[0], 1.5 * 0.2 / 2.0, 1e-3);
 }
 

@@ -1,4 +1,4 @@
-// An arm of the control loop at a simulated console.
+// The arm of a control loop, behind a simulated console.
 #include "dfr/hardware/psm_arm.h"
 
 #include <gtest/gtest.h>

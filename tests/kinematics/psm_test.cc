@@ -91,9 +91,8 @@ TEST(PsmTest, PosesAreRigidAndInsertionMovesTheTipByItsLength) {
 }
 
 // Compares two computations with the same table: frames as matrices, and one point from link to
-// link.
-// A wrist that turns about the shaft has no linear velocity on the shaft, and inserting does not
-// turn it.
+// link. A wrist that turns about the shaft has no linear velocity on the shaft, and insertion does
+// not turn it.
 TEST(PsmTest, TwistIsTheDerivativeOfThePose) {
   PsmJoints q;
   q << 0.3, -0.2, 0.15, 0.4, 0.0, 0.0;

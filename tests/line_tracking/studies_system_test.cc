@@ -14,7 +14,7 @@ namespace {
 
 // Results of the paper's robot: at least twice the completions of Baseline, and 84 % fewer
 // collisions. With exact states, both choices of the two constants that Algorithm 1 leaves open
-// achieve these results. With a too narrow kernel neither choice achieves them, because g stays
+// achieve these results. With too narrow a kernel neither choice achieves them, because g stays
 // below the gate. Ratios of counts need 40 episodes of each method.
 TEST(ProbeStudyTest, DfrDoublesCompletionsAndRemovesCollisions) {
   const imitation::DemonstrationSet set =

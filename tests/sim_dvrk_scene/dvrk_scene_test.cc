@@ -108,7 +108,7 @@ TEST(DvrkSceneTest, InRealTimeThePlatformMovesWithTheArmOrWithoutIt) {
   const auto moved = [](const DvrkSceneOptions& options, int every_ms) {
     DvrkScene scene(options);
     scene.Reset(6);
-    scene.Step(0.1);  // longer than linger_s: the arm counts as at rest
+    scene.Step(0.1);  // longer than linger_s: the arm counts as resting
     const Eigen::Vector3d before = scene.plant().platform_setpoint().translation_m;
     PsmJoints goal = scene.console().setpoint_joints();
     for (int ms = 0; ms < 500; ++ms) {

@@ -37,7 +37,7 @@ TEST(GuardsTest, RunsPoliciesThatLearnAgain) {
 }
 
 // A policy that steers towards the constraints collides in every episode. A guard saves five of six
-// episodes. Trials differ: few trials would show a share between three quarters and all.
+// episodes. Trials differ: in few trials the share may lie between three quarters and all.
 TEST(GuardsTest, SavesEpisodesFromAnAdversary) {
   const std::vector<Row> rows = RunStudy(OnReach({"at-constraints"}, 12, 20));
   ASSERT_EQ(rows.size(), 2);

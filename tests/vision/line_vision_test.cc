@@ -12,7 +12,7 @@
 namespace dfr::vision {
 namespace {
 
-constexpr double kDepth = 0.1;  // m; 7 pixels a millimetre
+constexpr double kDepth = 0.1;  // m; 7 pixels per millimetre
 
 LineVisionOptions Options() {
   LineVisionOptions options;

@@ -20,8 +20,8 @@ using internal::Who;
 
 constexpr long kPollNs = 1'000'000;
 constexpr int kPollsPerCount = 10;
-constexpr std::int64_t kLastNs = 2'000'000'000;  // time to stop the arm at the end
-constexpr double kLastWordsS = 1.0;              // time for ten requests for a lost sample
+constexpr std::int64_t kLastNs = 2'000'000'000;  // time limit for stopping the arm at the end
+constexpr double kLastWordsS = 1.0;              // enough for ten requests for a lost sample
 
 Who InWords(const dds::Newcomer& newcomer) {
   Who who;
@@ -167,7 +167,7 @@ bool PsmDriver::Link::Send() noexcept {
     }
     if (next.request != PsmRequest::kNone) {
       requested = true;
-      // // The hold precedes the request, even if both were queued after the check above.
+      // The hold precedes the request, even if both were queued after the check above.
       holding = holding || hold_wanted.wanted();
       (void)hold_wanted.Send([this] { return hold.Write({}); });
       // No request overtakes a `disable` that is still to be sent.
@@ -327,7 +327,7 @@ void PsmDriver::Link::ReadMonitors() noexcept {
                      (HearsOthers(watched_free, {}) ? 1 : 0) +
                      (HearsOthers(watched_state_command, state_command.origin()) ? 1 : 0);
   if (spoken > 0) foreign_messages.fetch_add(spoken, std::memory_order_acq_rel);
-  // // A state is void if its publishers have left. Each check follows the reading, because
+  // A state is void if its publishers have left. Each check follows the reading, because
   // otherwise the last state would remain.
   dds::Flag flag;
   bool any = false;

@@ -69,11 +69,11 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   template <typename T>
   bool HearsOthers(dds::Subscriber<T>& subscriber, const dds::Origin& ours) noexcept;
 
-  // // Detects new participants. A participant counts as present before its publishers are known,
+  // Detects new participants. A participant counts as present before its publishers are known,
   // because the console may already have received its messages.
   void LookForNewcomers() noexcept;
 
-  // // Detects other participants that command the arm.
+  // Detects other participants that command the arm.
   void ReadMonitors() noexcept;
 
   // Subscribes to topics but does not read them: a discovery server hides the publishers of topics

@@ -279,7 +279,7 @@ TEST_F(GuidedControllerTest, AStayAtTheEdgeRaisesThePassLevelOverTenSteps) {
   EXPECT_GT(between, 5);
 }
 
-// Each state is at the center of its support. The policy moves to the side: to a level above the
+// Each state is at the centre of its support. The policy moves to the side: to a level above the
 // pass level (c), between it and the pass depth (d), or farther (f).
 TEST_F(GuidedControllerTest, AfterTwoCorrectionsInARowThePassDepthWaitsForAPassInside) {
   constexpr double kDepth = 0.3;

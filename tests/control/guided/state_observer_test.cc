@@ -186,7 +186,7 @@ TEST_F(StateObserverTest, ErrorsBelowOnePercentOfTheChangesAreNotSmoothed) {
   }
 }
 
-// Reset() leaves the state of a new observer, to the last bit.
+// After Reset() an observer equals a new one, bit for bit.
 TEST_F(StateObserverTest, ResetRemovesTheLastEpisode) {
   estimate_.FitAt(5, std::vector{0.0, 0.0}, fit_);
   const auto episode = [&] {

@@ -159,7 +159,7 @@ TEST(ResponseEstimateTest, LearnsTheEffectOfAnUndemonstratedControlAndNotTheNois
   EXPECT_LT(square / 40.0, 0.1);
 }
 
-// Reset() leaves the state of a new estimate, to the last bit.
+// After Reset() an estimate equals a new one, bit for bit.
 TEST(ResponseEstimateTest, ResetRemovesTheLastEpisode) {
   core::Random random(12);
   const core::Matrix truth = RandomMatrix(random, kN, kM);

@@ -133,8 +133,8 @@ core::StateLayout GrippingLayout() {
   return layout;
 }
 
-// A tip in the plane moves right. The gripper closes when a demonstrator decides, by a quarter of
-// its range per step. The demonstrator then moves back if `returns`.
+// A tip in the plane moves right. The gripper closes at a time that the demonstrator chooses, by a
+// quarter of its range per step. The demonstrator then moves back if `returns`.
 std::vector<core::Trajectory> Gripping(int count, bool returns = false) {
   constexpr int kSteps = 30;
   core::Random random(6);

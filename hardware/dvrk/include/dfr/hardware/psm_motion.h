@@ -30,7 +30,7 @@ struct PsmLimits {
   /// out, nor beyond another face.
   Eigen::Vector3d workspace_min_m = Eigen::Vector3d(-0.15, -0.15, -0.25);
   Eigen::Vector3d workspace_max_m = Eigen::Vector3d(0.15, 0.15, 0.0);
-  double jaw_lower = -0.3490658503988659;     ///< rad; instrument 420006 closes no farther
+  double jaw_lower = -0.3490658503988659;     ///< rad; instrument 420006 does not close farther
   double jaw_upper = 1.3962634015954636;      ///< rad
   double max_jaw_speed = 1.5707963267948966;  ///< rad/s, > 0.
 
