@@ -143,7 +143,7 @@ bool RunFit(const FitOptions& options) {
   if (!options.all && completed.empty()) {
     Print(
         "none of %zu episodes is recorded as completed. The guard learns from all of them: if they "
-        "failed, give it others (--all omits this note)\n",
+        "failed, use others (--all omits this note)\n",
         all.size());
   }
 

@@ -46,12 +46,12 @@ void AddCheck(CLI::App& app, int& result) {
   AddDemonstrations(*command, *options);
   command
       ->add_option("--action-limit", options->action_limit,
-                   "report entries of actions beyond +- this")
+                   "report entries of actions with a larger magnitude than this")
       ->check(dfr::apps::kPositive)
       ->capture_default_str();
   core::Writes(command->add_option("--repair", options->repair,
-                                   "write all readable episodes to this .hdf5 file, after a "
-                                   "killed writer or on a damaged disk"),
+                                   "write all readable episodes to this .hdf5 file, if a writer "
+                                   "was killed or the disk is damaged"),
                [](const std::filesystem::path& path) {
                  const std::string fault = core::UnwritableFile(path);
                  if (!fault.empty() || path.extension() == ".hdf5") return fault;
@@ -112,7 +112,7 @@ void AddFit(CLI::App& app, int& result) {
       ->capture_default_str();
   command
       ->add_option("--nu", options->guard.support.svm.nu,
-                   "bound on the outliers of each support, in (0, 1]")
+                   "upper bound on the share of outliers of each support, in (0, 1]")
       ->check(dfr::apps::ShareIn("(0, 1]"))
       ->capture_default_str();
   command
@@ -150,9 +150,10 @@ void AddFit(CLI::App& app, int& result) {
       ->check(CLI::Range(0, dfr::safety::GuardOptions::kLongestHorizon))
       ->capture_default_str();
   command
-      ->add_option("--action-limit", options->guard.action_limit,
-                   "limit of each entry of an action, +- this: one for all, or one each, a,b,c; "
-                   "default: 1.5 times the largest demonstrated value of each entry")
+      ->add_option(
+          "--action-limit", options->guard.action_limit,
+          "limit of the magnitude of each entry of an action: one for all, or one each, a,b,c; "
+          "default: 1.5 times the largest demonstrated value of each entry")
       ->check(dfr::apps::kNotNegative)
       ->delimiter(',');
   command->add_flag("--all", options->all, "include episodes that did not complete the task");
@@ -182,7 +183,7 @@ void AddShow(CLI::App& app) {
 void AddReport(CLI::App& app) {
   const auto options = std::make_shared<ReportOptions>();
   CLI::App* command = app.add_subcommand(
-      "report", "Write a page: how far episodes stay inside, false alarms, lead times, features");
+      "report", "Write a page with levels, false alarms, lead times and influential features");
   AddGuard(*command, options->guard);
   AddDemonstrations(*command, *options);
   command->add_option("--failures", options->failures,

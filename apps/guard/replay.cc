@@ -32,7 +32,7 @@ std::unique_ptr<imitation::DemonstrationReader> OpenEpisodes(const safety::Guard
       imitation::OpenDemonstrations(path, filter_key, imitation::PictureRequests(model.layout()));
   if (reader->layout() != model.layout()) {
     throw std::runtime_error(path.string() + ": states consist of " + Named(reader->layout()) +
-                             ", but the guard's of " + Named(model.layout()) +
+                             ", but the guard's consist of " + Named(model.layout()) +
                              ": use episodes with the guard's states, or fit a guard to these");
   }
   const int expected = model.action_dim();

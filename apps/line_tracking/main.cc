@@ -72,7 +72,9 @@ void AddScene(CLI::App& command, SceneOptions& scene, bool disturbed) {
 }
 
 void AddModelOptions(CLI::App& command, LineModelOptions& model) {
-  command.add_option("--nu", model.nu, "bound on the outliers of each support, in (0, 1]")
+  command
+      .add_option("--nu", model.nu,
+                  "upper bound on the share of outliers of each support, in (0, 1]")
       ->check(dfr::apps::ShareIn("(0, 1]"))
       ->capture_default_str();
   command
@@ -149,7 +151,7 @@ void AddDemonstrate(CLI::App& app, DemonstrateOptions& options) {
                      "configuration of the robot, as for run; default: open-loop demonstrations in "
                      "the simulation of this process");
   command.add_flag("--teleoperation", options.teleoperation,
-                   "with --config: the operator leads the tip, and it is recorded; by default the "
+                   "with --config: records the tip while the operator leads it; by default the "
                    "robot follows the line by itself after the operator's confirmation");
   core::WritesFile(command.add_option("--out", options.out, "file of the demonstrations"))
       ->capture_default_str();

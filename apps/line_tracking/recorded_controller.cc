@@ -105,7 +105,7 @@ bool ReplayRecording(const std::filesystem::path& path, const std::filesystem::p
     std::cout << "  this program is of commit " << core::BuildCommit()
               << ", whose methods may decide differently\n";
   }
-  if (!log.finished) std::cout << "  it was cut off: its program was killed, or still runs\n";
+  if (!log.finished) std::cout << "  it is incomplete: its program was killed, or still runs\n";
   if (log.dropped_records > 0) {
     std::cout << "  " << log.dropped_records << " records are missing\n";
   }
@@ -117,7 +117,7 @@ bool ReplayRecording(const std::filesystem::path& path, const std::filesystem::p
   }
   if (recording::Checksum(folder) != log.metadata.model_checksum) {
     std::cout << "  the model in " << core::Printable(folder.string())
-              << " is not the one of the recording\n";
+              << " is not the recording's model\n";
   }
   const LineModel model = LineModel::Load(folder);
   const std::unique_ptr<control::Controller> controller = model.MakeController(log.metadata.method);

@@ -72,7 +72,7 @@ std::vector<Scene> MakeScenes() {
        .wander = 0.02,
        .degree = 2},
       {.name = "Your own",
-       .summary = "No demonstration yet. Draw a line from the start to the goal, by any way you "
+       .summary = "No demonstration yet. Draw a line from the start to the goal, on any path you "
                   "like.",
        .start = {{0.0, 0.0}, 0.16},
        .goal = {{4.0, 0.0}, 0.16}},

@@ -38,7 +38,9 @@ void AddScene(CLI::App& command, sim::PusherOptions& plant) {
 }
 
 void AddModelOptions(CLI::App& command, ModelOptions& model) {
-  command.add_option("--nu", model.nu, "bound on the outliers of each support, in (0, 1]")
+  command
+      .add_option("--nu", model.nu,
+                  "upper bound on the share of outliers of each support, in (0, 1]")
       ->check(dfr::apps::ShareIn("(0, 1]"))
       ->capture_default_str();
   command.add_option("--gamma", model.gamma, "parameter gamma of the Gaussian kernel [1/m^2]")
@@ -86,7 +88,7 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options) {
       ->check(CLI::Range(1, kShippedSupervisors))
       ->excludes("--supervisor");
   command->add_flag("!--no-convergence", options.convergence,
-                    "skip the study of how fast recoveries climb, which takes seconds");
+                    "skip the study of the speed of recoveries, which takes seconds");
   command
       ->add_option(
           "--learners", options.learners,

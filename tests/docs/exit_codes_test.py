@@ -153,7 +153,7 @@ class ExitCodesTest(unittest.TestCase):
              "model/policy.dfr: no such file. Run `line_tracking fit` first, or give the folder of a model with --model"),
             ("line_tracking", ["fit"],
              "demonstrations.hdf5: no such file. Run `line_tracking demonstrate` first, or give another file with --demonstrations"),
-            ("line_tracking", ["demonstrate", "vision"], "calibration.dfr: no such file. Run `line_tracking calibrate` first, or go on "
+            ("line_tracking", ["demonstrate", "vision"], "calibration.dfr: no such file. Run `line_tracking calibrate` first, or continue "
              "with --calibration none: the true camera and an uncorrected arm"),
             ("line_tracking", ["replay x.mcap"],
              "x.mcap: no such file. Run `line_tracking run` first, which writes logs, or name another log"),
@@ -234,7 +234,7 @@ class ExitCodesTest(unittest.TestCase):
             for command in [[name] for name in commands] or [[]]:
                 help_text = self.run_program(program, *command, "--help").stdout
                 for option, text in re.findall(r"^  (?:-\w,)?(--[a-z-]+) (?:FLOAT|NUMBER)((?:.*\n)(?: {5,}.*\n)*)", help_text, re.M):
-                    if not re.search(r"\b(share of|fraction of|as a share|probability|confidence that|bound on the outliers)\b", text):
+                    if not re.search(r"\b(share of|fraction of|as a share|probability|confidence that|bound on the share)\b", text):
                         continue
                     found.add((program.name, option))
                     with self.subTest(program=program.name, command=command, option=option):

@@ -72,7 +72,7 @@ class GuardDataTest(GuardProgramTest):
             out = self.run_guard(command, "k.guard", "hand.hdf5", fails=True)
             self.assertRegex(out, r"guard: hand.hdf5: actions have 4 entries, but the guard's have 2: use")
             out = self.run_guard(command, "k.guard", "eye.hdf5", fails=True)
-            self.assertRegex(out, r"guard: eye.hdf5: states consist of .*eye \(2\).*, but the guard's of .*tip \(2\).*: use")
+            self.assertRegex(out, r"guard: eye.hdf5: states consist of .*eye \(2\).*, but the guard's consist of .*tip \(2\).*: use")
 
     def test_repair_writes_the_readable_episodes(self):
         def cut_off(file):

@@ -127,10 +127,10 @@ void CalibrateRobot(const CalibrateOptions& options) {
 line_task::LineCalibration LoadCalibration(const SceneOptions& scene) {
   if (scene.calibration != kNoCalibration) {
     if (!std::filesystem::exists(scene.calibration)) {
-      throw std::runtime_error(
-          scene.calibration.string() +
-          ": no such file. Run `line_tracking calibrate` first, or go on with --calibration none: "
-          "the true camera and an uncorrected arm");
+      throw std::runtime_error(scene.calibration.string() +
+                               ": no such file. Run `line_tracking calibrate` first, or continue "
+                               "with --calibration none: "
+                               "the true camera and an uncorrected arm");
     }
     return line_task::LineCalibration::Load(scene.calibration);
   }
