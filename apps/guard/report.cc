@@ -343,7 +343,7 @@ void RunReport(const ReportOptions& options) {
   page.verdict = Verdict(*model, episodes, failures);
   page.introduction = Introduction(*model, options, episodes);
   experiment::ReportFigure levels{
-      .heading = "How far inside",
+      .heading = "Levels of the episodes",
       .caption =
           "l over time: median and interquartile range over the episodes, minimum, and alarm "
           "level. Values far outside are cut off.",

@@ -192,7 +192,7 @@ experiment::ReportTable PaperTable(const experiment::Summary& summary,
 experiment::ReportFigure OverlapFigure(const experiment::Summary& summary,
                                        const experiment::EvaluationPlan& plan) {
   experiment::ReportFigure figure;
-  figure.heading = "Where the support covers the red regions";
+  figure.heading = "Overlap of the support with the red regions";
   figure.caption =
       "P(red | g >= 0): among the states around the demonstrated ones (cylinder displaced by up to "
       "0.15 m, joints by up to 0.1 rad) that are inside the estimate, the share that "
@@ -247,7 +247,7 @@ experiment::ReportOptions MakeReport(const ExperimentOptions& options,
   report.figures.push_back(OverlapFigure(summary, plan));
   report.tables.push_back(PaperTable(summary, plan));
   report.notes.push_back(
-      {"How to read this",
+      {"Notes on the figures",
        "The weak learner (8 tanh units, 10 epochs of Adam) cannot match the supervisor: that is "
        "the paper's regime. The stronger one (64-64) is for comparison.\n\n"
        "Demonstrations sample the supervisor's Gaussian policy. With its mean action all of them "
@@ -351,8 +351,8 @@ void RunExperiment(const ExperimentOptions& options) {
       MeasureRecoveries(options, plan, factory, report);
     } catch (const std::runtime_error& e) {
       const std::string missing = std::string(e.what()) + "; --no-convergence leaves this out";
-      std::cerr << "pusher: how fast recoveries climb: " << missing << std::endl;
-      report.notes.push_back({"How fast recoveries climb: not measured", missing});
+      std::cerr << "pusher: speed of recoveries: " << missing << std::endl;
+      report.notes.push_back({"Speed of recoveries: not measured", missing});
     }
   }
   if (options.video) {

@@ -97,7 +97,7 @@ class PusherSystemTest(ProgramTest):
         self.assertTrue(0 <= gripper <= anywhere <= 50)
         self.assertLessEqual(reached["first", "finite-difference"], gripper + 5)
         self.assertLessEqual(rows_of_first["finite-difference"][-2], best + 0.05)
-        self.assertIn("How fast recoveries climb", (self.folder / "climb" / "report.html").read_text())
+        self.assertIn("Speed of recoveries", (self.folder / "climb" / "report.html").read_text())
 
 
 if __name__ == "__main__":

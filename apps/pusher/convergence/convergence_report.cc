@@ -20,7 +20,7 @@ constexpr int kRecoveries = 50;
 experiment::ReportFigure ConvergenceFigure(const std::vector<ConvergenceCurve>& curves,
                                            const std::string& learner, const std::string& which) {
   experiment::ReportFigure figure;
-  figure.heading = "How fast recoveries climb: " + which;
+  figure.heading = "Speed of recoveries: " + which;
   figure.caption =
       "The decision function over the threshold of the switching policy, mean and standard error, "
       "of " +

@@ -12,7 +12,7 @@ namespace dfr::apps::pusher {
 /// Preset that measures the recoveries of every model, for each trial and number of demonstrations.
 inline constexpr std::string_view kFig5 = "fig5";
 
-/// Measures how fast the first learner's recoveries climb, prints the figures, and adds them to the
+/// Measures the speed of the first learner's recoveries, prints the figures, and adds them to the
 /// report. Without the preset kFig5, measures only the first trial's last model.
 /// @throws std::runtime_error as MeasureConvergence() does.
 void MeasureRecoveries(const ExperimentOptions& options, const experiment::EvaluationPlan& plan,
