@@ -1,6 +1,9 @@
 #include <gtest/gtest.h>
 
 #include <functional>
+#include <initializer_list>
+#include <limits>
+#include <stdexcept>
 #include <vector>
 
 #include "dfr/hardware/psm_client.h"
@@ -170,6 +173,24 @@ TEST_F(PsmClientRequestTest, ARequestHoldsFirst) {
   EXPECT_EQ(output.request, PsmRequest::kDisable);
 }
 
+// A newly discovered participant may have publishers that are still unknown.
+TEST_F(PsmClientRequestTest, IsNeitherArmedNorHomedBeforeDiscoveryIsQuiet) {
+  Become(PsmConsoleState::kEnabled, true, false);
+  Steps(4);
+  Step([](PsmInput& input) { input.newcomers = 1; });
+  EXPECT_EQ(client_.Arm(), PsmStatus::kNewcomer);
+  Steps(98);
+  EXPECT_EQ(client_.Arm(), PsmStatus::kNewcomer);
+  Steps(3);
+  Become(PsmConsoleState::kDisabled, false, false);
+  Step([](PsmInput& input) { input.newcomers = 1; });
+  ASSERT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kOk);
+  Steps(95);
+  EXPECT_EQ(requests_, "");
+  Steps(10);
+  EXPECT_EQ(requests_, "home ");
+}
+
 TEST(UntilSentTest, AMessageIsWantedUntilAWriteSucceeds) {
   internal::UntilSent hold;
   int writes = 0;
@@ -202,6 +223,31 @@ TEST(UntilSentTest, ARequestDuringAWriteIsKept) {
     return true;
   }));
   EXPECT_TRUE(hold.wanted());
+}
+
+TEST(PsmStatusTest, EveryStatusHasANameARemedyAndAReason) {
+  EXPECT_EQ(HoldReasonFor(PsmStatus::kOk), runtime::HoldReason::kNone);
+  EXPECT_EQ(HoldReasonFor(PsmStatus::kStateAhead), runtime::HoldReason::kClock);
+  EXPECT_EQ(HoldReasonFor(PsmStatus::kForeignControl), runtime::HoldReason::kSecondCommander);
+  EXPECT_EQ(HoldReasonFor(PsmStatus::kTooFast), runtime::HoldReason::kCommandRefused);
+  for (int i = 1; i <= static_cast<int>(PsmStatus::kTooFast); ++i) {
+    const auto status = static_cast<PsmStatus>(i);
+    EXPECT_STRNE(Name(status), "") << i;
+    EXPECT_STRNE(Remedy(status), "") << Name(status);
+    EXPECT_NE(HoldReasonFor(status), runtime::HoldReason::kNone) << Name(status);
+    for (int j = 0; j < i; ++j) EXPECT_STRNE(Name(status), Name(static_cast<PsmStatus>(j)));
+  }
+}
+
+TEST(PsmClientOptionsTest, OptionsOutOfRangeAreRefused) {
+  using Change = void (*)(PsmClientOptions&);
+  for (const Change change : std::initializer_list<Change>{
+           [](auto& o) { o.longest_step_s = 0.0; }, [](auto& o) { o.max_lag[2] = -1.0; },
+           [](auto& o) { o.watchdog.max_age_s = std::numeric_limits<double>::quiet_NaN(); }}) {
+    PsmClientOptions options;
+    change(options);
+    EXPECT_THROW(PsmClient{options}, std::invalid_argument);
+  }
 }
 
 }  // namespace

@@ -41,6 +41,8 @@ PsmClient::PsmClient(const PsmClientOptions& options)
       js_watchdog_(options.watchdog),
       cp_watchdog_(options.watchdog),
       local_watchdog_(options.watchdog),
+      setpoint_watchdog_(options.watchdog),
+      jaw_watchdog_(options.watchdog),
       age_s_(kNan) {
   options.Check();
 }
@@ -100,18 +102,23 @@ void PsmClient::Take(const PsmInput& input) noexcept {
     local_watchdog_.Arrived(local_cp_.stamp, now_ns_);
   }
   if (input.measured_cp || input.local_measured_cp) Pair();
-  if (input.setpoint_js && input.setpoint_js->well_formed && input.setpoint_js->stamp.valid() &&
+  if (input.setpoint_js && input.setpoint_js->well_formed &&
       input.setpoint_js->position.allFinite()) {
-    setpoint_js_ = *input.setpoint_js;
-    any_setpoint_ = true;
     setpoint_arrival_ns_ = now_ns_;
+    setpoint_watchdog_.Arrived(input.setpoint_js->stamp, now_ns_);
+    if (input.setpoint_js->stamp.valid()) {
+      setpoint_js_ = *input.setpoint_js;
+      any_setpoint_ = true;
+    }
   }
   if (input.jaw_measured) jaw_measured_ = *input.jaw_measured;
-  if (input.jaw_setpoint && input.jaw_setpoint->stamp.valid() &&
-      std::isfinite(input.jaw_setpoint->angle)) {
-    jaw_setpoint_ = *input.jaw_setpoint;
+  if (input.jaw_setpoint && std::isfinite(input.jaw_setpoint->angle)) {
     jaw_arrival_ns_ = now_ns_;
-    any_jaw_setpoint_ = true;
+    jaw_watchdog_.Arrived(input.jaw_setpoint->stamp, now_ns_);
+    if (input.jaw_setpoint->stamp.valid()) {
+      jaw_setpoint_ = *input.jaw_setpoint;
+      any_jaw_setpoint_ = true;
+    }
   }
   if (input.operating_state) {
     if (any_operating_ && input.operating_state->lapses != operating_.lapses) {
@@ -364,7 +371,8 @@ PsmStatus PsmClient::MoveJaw(double angle, double duration_s) noexcept {
   if (angle < options_.limits.jaw_lower || angle > options_.limits.jaw_upper) {
     return PsmStatus::kBeyondLimits;
   }
-  if (!jaw_ours_ && JawIsSilent()) return PsmStatus::kStateSilent;
+  const PsmStatus jaw = jaw_ours_ ? PsmStatus::kOk : JawHoldReason();
+  if (jaw != PsmStatus::kOk) return jaw;
   const double from = jaw_ours_ ? jaw_ : jaw_setpoint_.angle;
   const double way = std::abs(angle - from);
   if (way > (1.0 + 1e-9) * duration_s * options_.limits.max_jaw_speed) return PsmStatus::kTooFast;

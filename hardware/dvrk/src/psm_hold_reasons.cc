@@ -1,6 +1,5 @@
 // Reasons for which a PsmClient holds.
-#include <array>
-#include <span>
+#include <cstdint>
 
 #include "dfr/hardware/psm_client.h"
 #include "psm_client_internal.h"
@@ -42,26 +41,24 @@ bool Near(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b, double distanc
 
 }  // namespace
 
+PsmStatus PsmClient::StampHoldReason(const dds::Watchdog& watchdog, const dds::Stamp& stamp,
+                                     std::int64_t arrival_ns) const noexcept {
+  const PsmStatus status = FromFreshness(watchdog.Check(wall_ns_, now_ns_));
+  // The sample was recent on arrival; only its successor is missing.
+  const std::int64_t waited_ns = now_ns_ - arrival_ns;
+  const bool waits =
+      status == PsmStatus::kStateOld && wall_ns_ - stamp.nanoseconds() < 2 * waited_ns;
+  return waits ? PsmStatus::kStateSilent : status;
+}
+
 PsmStatus PsmClient::MeasurementHoldReason() const noexcept {
-  struct Stream {
-    const dds::Watchdog& watchdog;
-    const dds::Stamp& stamp;
-    std::int64_t arrival_ns;
-  };
-  const std::array<Stream, 3> streams = {
-      Stream{js_watchdog_, js_.stamp, js_arrival_ns_},
-      Stream{cp_watchdog_, cp_.stamp, cp_arrival_ns_},
-      // Not every console publishes local/measured_cp.
-      Stream{local_watchdog_, local_cp_.stamp, local_arrival_ns_}};
-  for (const Stream& stream : std::span(streams).first(any_local_ ? 3U : 2U)) {
-    const PsmStatus status = FromFreshness(stream.watchdog.Check(wall_ns_, now_ns_));
-    // The sample was recent on arrival; only its successor is missing.
-    const std::int64_t waited_ns = now_ns_ - stream.arrival_ns;
-    if (status == PsmStatus::kStateOld && wall_ns_ - stream.stamp.nanoseconds() < 2 * waited_ns) {
-      return PsmStatus::kStateSilent;
-    }
-    if (status != PsmStatus::kOk) return status;
-  }
+  PsmStatus status = StampHoldReason(js_watchdog_, js_.stamp, js_arrival_ns_);
+  if (status != PsmStatus::kOk) return status;
+  status = StampHoldReason(cp_watchdog_, cp_.stamp, cp_arrival_ns_);
+  if (status != PsmStatus::kOk) return status;
+  // Not every console publishes local/measured_cp.
+  if (any_local_) status = StampHoldReason(local_watchdog_, local_cp_.stamp, local_arrival_ns_);
+  if (status != PsmStatus::kOk) return status;
   if (!js_.well_formed) return PsmStatus::kStateMalformed;
   if (!js_.position.allFinite() || !js_.velocity.allFinite() || !Finite(cp_) ||
       (any_local_ && !Finite(local_cp_))) {
@@ -88,9 +85,10 @@ PsmStatus PsmClient::FindHoldReason(const PsmInput& input) const noexcept {
   const PsmStatus measured = MeasurementHoldReason();
   if (measured != PsmStatus::kOk) return measured;
   // An old set-point neither reveals commands of others nor gives the pose for arming.
-  if (any_setpoint_ && Seconds(now_ns_ - setpoint_arrival_ns_) > options_.watchdog.max_silence_s) {
-    return PsmStatus::kStateSilent;
-  }
+  const PsmStatus setpoint =
+      any_setpoint_ ? StampHoldReason(setpoint_watchdog_, setpoint_js_.stamp, setpoint_arrival_ns_)
+                    : PsmStatus::kOk;
+  if (setpoint != PsmStatus::kOk) return setpoint;
   if (input.instrument == PsmInstrument::kNotNamed) return PsmStatus::kToolNotNamed;
   if (input.instrument == PsmInstrument::kOther) return PsmStatus::kWrongTool;
   const PsmStatus others = CommandHoldReason(input);
@@ -122,7 +120,8 @@ PsmStatus PsmClient::FollowHoldReason() const noexcept {
   }
   if (options_.sole_commander && !JawIsOurs()) return PsmStatus::kForeignSetpoint;
   // An old set-point of the jaw does not reveal commands of others.
-  if (jaw_ours_ && JawIsSilent()) return PsmStatus::kStateSilent;
+  const PsmStatus jaw = jaw_ours_ ? JawHoldReason() : PsmStatus::kOk;
+  if (jaw != PsmStatus::kOk) return jaw;
   if (BaseMoved()) return PsmStatus::kBaseMoved;
   const PsmJoints lag = (js_.position - motion_.setpoint()).cwiseAbs();
   if ((lag.array() > options_.max_lag.array()).any()) return PsmStatus::kNotFollowing;
@@ -139,8 +138,9 @@ bool PsmClient::JawIsOurs() const noexcept {
                                             InFirstPlace(options_.max_jaw_setpoint_error));
 }
 
-bool PsmClient::JawIsSilent() const noexcept {
-  return !any_jaw_setpoint_ || Seconds(now_ns_ - jaw_arrival_ns_) > options_.watchdog.max_silence_s;
+PsmStatus PsmClient::JawHoldReason() const noexcept {
+  if (!any_jaw_setpoint_) return PsmStatus::kStateSilent;
+  return StampHoldReason(jaw_watchdog_, jaw_setpoint_.stamp, jaw_arrival_ns_);
 }
 
 bool PsmClient::FrameAgrees() const noexcept {

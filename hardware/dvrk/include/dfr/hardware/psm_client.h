@@ -36,9 +36,9 @@ struct PsmClientOptions {
   kinematics::PsmJoints jump_noise =
       (kinematics::PsmJoints() << 0.01, 0.01, 0.002, 0.02, 0.02, 0.02).finished();
   double jump_distance_m = 0.005;  ///< Allowance for noise of measured_cp, > 0.
-  /// Limits for measured_js, measured_cp and local/measured_cp. Only max_silence_s applies to
-  /// setpoint_js, to pairs of measured_cp and local/measured_cp of the same moment and, for a jaw
-  /// that this client has moved, to jaw/setpoint_js.
+  /// Limits for measured_js, measured_cp, local/measured_cp, setpoint_js and, for a jaw that this
+  /// client has moved, jaw/setpoint_js. Only max_silence_s applies to pairs of measured_cp and
+  /// local/measured_cp of the same moment.
   dds::WatchdogOptions watchdog = {};
   /// Maximum progress of a move in one step, s, > 0. After a late step the move takes longer
   /// instead of catching up in one jump.
@@ -213,8 +213,8 @@ class PsmClient {
   /// Starts a move as PsmMotion::Start() does. Replaces a move in progress.
   PsmStatus MoveTo(const kinematics::PsmJoints& goal, double duration_s) noexcept;
   /// Turns the jaw to `angle`, rad, at constant speed, not before 0.15 s after the first set-point.
-  /// Refused with kStateSilent if the jaw's own set-point, at which the first move begins, is
-  /// silent.
+  /// Refused if the jaw's own set-point, at which the first move begins, is silent (kStateSilent)
+  /// or its stamp is not valid now.
   PsmStatus MoveJaw(double angle, double duration_s) noexcept;
   /// Stops at the next step, with status kHeld unless it already holds. Always succeeds. A console
   /// that is enabling or homing is told to hold and to disable, because `hold` alone ends neither.
@@ -261,7 +261,9 @@ class PsmClient {
   [[nodiscard]] PsmStatus CommandHoldReason(const PsmInput& input) const noexcept;
   [[nodiscard]] PsmStatus FollowHoldReason() const noexcept;
   [[nodiscard]] bool JawIsOurs() const noexcept;
-  [[nodiscard]] bool JawIsSilent() const noexcept;
+  [[nodiscard]] PsmStatus JawHoldReason() const noexcept;
+  [[nodiscard]] PsmStatus StampHoldReason(const dds::Watchdog& watchdog, const dds::Stamp& stamp,
+                                          std::int64_t arrival_ns) const noexcept;
   [[nodiscard]] bool Discovering() const noexcept;
   [[nodiscard]] bool FrameAgrees() const noexcept;
   [[nodiscard]] bool BaseMoved() const noexcept;
@@ -279,6 +281,8 @@ class PsmClient {
   dds::Watchdog js_watchdog_;
   dds::Watchdog cp_watchdog_;
   dds::Watchdog local_watchdog_;
+  dds::Watchdog setpoint_watchdog_;
+  dds::Watchdog jaw_watchdog_;
 
   PsmJointSample js_;
   PsmJointSample setpoint_js_;
