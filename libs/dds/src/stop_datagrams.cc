@@ -162,6 +162,23 @@ bool StopReader::Signed(std::string_view datagram) {
   return good;
 }
 
+StopSenderId StopReader::SenderOf(std::string_view datagram) const {
+  StopSenderId id;
+  std::copy_n(datagram.begin() + kIdAt, id.size(), id.begin());
+  if (!authority_) return id;
+  const auto size = static_cast<std::size_t>(Get(datagram, kSizeAt, 2));
+  std::string named(datagram.substr(kIdAt, id.size()));
+  named += datagram.substr(kHead, size);
+  std::array<unsigned char, EVP_MAX_MD_SIZE> digest;
+  unsigned int digest_size = 0;
+  if (EVP_Digest(named.data(), named.size(), digest.data(), &digest_size, EVP_sha256(), nullptr) !=
+      1) {
+    throw std::runtime_error("OpenSSL cannot compute a digest: " + Complaint());
+  }
+  std::copy_n(digest.begin(), id.size(), id.begin());
+  return id;
+}
+
 bool StopReader::New(const StopSenderId& who, std::uint64_t sequence, std::int64_t wall_ns) {
   auto known = std::find_if(known_.begin(), known_.end(),
                             [&](const Known& k) { return k.sequence > 0 && k.who == who; });
@@ -189,8 +206,7 @@ bool StopReader::Read(std::string_view datagram, std::int64_t wall_ns, StopSende
   if (flag > 1 || !Signed(datagram)) return false;
   clocks_differ_ = sent_ns < wall_ns - kMostAstrayNs || sent_ns > wall_ns + kMostAstrayNs;
   if (clocks_differ_) return false;
-  StopSenderId id;
-  std::copy_n(datagram.begin() + kIdAt, id.size(), id.begin());
+  const StopSenderId id = SenderOf(datagram);
   if (!New(id, Get(datagram, kSequenceAt, 8), wall_ns)) return false;
   who = id;
   pressed = flag == 1;

@@ -63,7 +63,8 @@ class StopReader {
 
   /// Returns true if a datagram is valid: well formed, with a valid signature, stamped within a
   /// second of `wall_ns`, and numbered higher than its button's last valid datagram. Sets `who` and
-  /// `pressed` only if the datagram is valid.
+  /// `pressed` only if the datagram is valid. With security, `who` depends on the certificate:
+  /// nobody can send in the name of another participant.
   bool Read(std::string_view datagram, std::int64_t wall_ns, StopSenderId& who, bool& pressed);
   /// True if the last datagram with a valid signature was refused because of its stamp.
   [[nodiscard]] bool clocks_differ() const noexcept { return clocks_differ_; }
@@ -75,6 +76,8 @@ class StopReader {
     std::int64_t heard_ns = 0;
   };
   [[nodiscard]] bool Signed(std::string_view datagram);
+  // Returns the sender of a datagram with a valid signature.
+  [[nodiscard]] StopSenderId SenderOf(std::string_view datagram) const;
   [[nodiscard]] bool New(const StopSenderId& who, std::uint64_t sequence, std::int64_t wall_ns);
 
   Owned<X509_STORE> authority_;   // nullptr without security

@@ -3,8 +3,11 @@
 #include "stop_datagrams.h"
 
 #include <gtest/gtest.h>
+#include <openssl/evp.h>
 
 #include <algorithm>
+#include <array>
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -12,6 +15,8 @@
 
 #include "dfr/core/random.h"
 #include "dfr/dds/emergency_stop.h"
+#include "dfr/dds/security.h"
+#include "security/openssl.h"
 #include "tests/dds/security/keystore.h"
 
 namespace dfr::dds {
@@ -166,6 +171,49 @@ TEST(SecuredStopDatagramsTest, OnlyTheLabIsHeard) {
   StopReader unsecured({});
   EXPECT_EQ(Read(unsecured, writer.Next(true, now_ns), now_ns), std::nullopt)
       << "it cannot verify the sender";
+}
+
+// Returns a datagram that says "not pressed" under the name and the certificate of different
+// participants, with a number that follows all others.
+std::string InTheNameOf(std::string_view button, std::string own, const std::string& key_file) {
+  own.replace(8, 16, button.substr(8, 16));
+  own.replace(24, 8, std::string("\x7f") + std::string(7, '\0'));
+  const std::size_t size =
+      static_cast<std::uint8_t>(own[41]) * 256U + static_cast<std::uint8_t>(own[42]);
+  own.resize(43 + size);
+  const internal::Owned<EVP_PKEY> key = internal::LoadKey(key_file);
+  EVP_MD_CTX* const context = EVP_MD_CTX_new();
+  std::array<unsigned char, 1024> signature;
+  std::size_t signed_size = signature.size();
+  EVP_DigestSignInit(context, nullptr, EVP_sha256(), nullptr, key.get());
+  const auto* bytes = reinterpret_cast<const unsigned char*>(own.data());  // NOLINT: OpenSSL
+  EXPECT_EQ(EVP_DigestSign(context, signature.data(), &signed_size, bytes, own.size()), 1);
+  EVP_MD_CTX_free(context);
+  return own.append(signature.begin(),
+                    signature.begin() + static_cast<std::ptrdiff_t>(signed_size));
+}
+
+// Every participant may press. None can suppress the press of another.
+TEST(SecuredStopDatagramsTest, AParticipantSendsOnlyInItsOwnName) {
+  const test::Keystore lab = {{"line_tracking", Permission::kController},
+                              {"stop", Permission::kButton},
+                              {"monitor", Permission::kMonitor}};
+  const std::int64_t now_ns = Stamp::Now().nanoseconds();
+  StopReader reader(lab.enclave("line_tracking"));
+  StopWriter button(lab.enclave("stop"));
+  StopWriter monitor(lab.enclave("monitor"));
+  const std::string good = button.Next(false, now_ns);
+  StopSenderId stop{};
+  bool pressed = true;
+  ASSERT_TRUE(reader.Read(good, now_ns, stop, pressed));
+  const std::string key = SecurityFiles(lab.enclave("monitor")).key.string();
+  StopSenderId who{};
+  const bool read =
+      reader.Read(InTheNameOf(good, monitor.Next(false, now_ns), key), now_ns, who, pressed);
+  EXPECT_TRUE(read) << "a sender of its own, whose silence also stops the robot";
+  EXPECT_NE(who, stop);
+  EXPECT_EQ(Read(reader, button.Next(true, now_ns), now_ns), true) << "the press is heard";
+  EXPECT_EQ(Read(reader, monitor.Next(true, now_ns), now_ns), true) << "everyone may press";
 }
 
 }  // namespace
