@@ -148,6 +148,43 @@ TEST_F(BringUpTest, AStopPressedDuringTheQuestionMustBeClearedBeforeTheNextQuest
   EXPECT_EQ(robot_.arm.homings, 1);
 }
 
+TEST_F(BringUpTest, ASilenceOfTheStopDuringAQuestionMustBeCleared) {
+  bool silences = true;
+  const Confirms confirms = [&](std::string_view question, std::string_view word) {
+    EXPECT_EQ(robot_.arm.homings, 0);
+    questions_.emplace_back(question);
+    words_.emplace_back(word);
+    if (std::exchange(silences, false)) {
+      robot_.stop.found = {HoldReason::kEmergencyStopSilent, "lost"};
+      robot_.loop.Idle(0.5);
+      robot_.stop.found = {};
+    }
+    robot_.loop.Idle(3.0);
+    return words_.size() < 5;
+  };
+  EXPECT_EQ(Refusal(confirms), "");
+  EXPECT_EQ(words_, (std::vector<std::string>{"home", "clear", "home"}));
+  EXPECT_NE(questions_.at(1).find("overdue for 0.50 s"), std::string::npos) << questions_.at(1);
+  EXPECT_EQ(robot_.arm.homings, 1);
+}
+
+TEST_F(BringUpTest, ASimulatedRobotGoesOnAfterASilenceOfTheStop) {
+  options_.simulated = true;
+  robot_.loop.Idle(0.5);
+  robot_.stop.found = {HoldReason::kEmergencyStopSilent, "lost"};
+  Later(1.0, [this] { robot_.stop.found = {}; });
+  EXPECT_EQ(Refusal({}), "");
+  EXPECT_EQ(robot_.arm.homings, 1);
+  robot_.arm.unhomed = true;
+  robot_.stop.found = {HoldReason::kEmergencyStopSilent, "lost"};
+  Later(1.0, [this] {
+    robot_.stop.found = {};
+    robot_.stop.pressed = true;
+  });
+  EXPECT_EQ(Refusal({}), "the robot is not ready: emergency-stop: pressed");
+  EXPECT_EQ(robot_.arm.homings, 1);
+}
+
 TEST_F(BringUpTest, ATimeoutNamesTheReasonAndItsRemedy) {
   robot_.arm.found = {HoldReason::kArmSilent, "no console"};
   options_.patience_s = 3.0;

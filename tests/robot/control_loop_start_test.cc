@@ -19,6 +19,12 @@ using test::Source;
 using test::Sources;
 using testing::HasSubstr;
 
+// Ends a fault. Only an operator ends the effect of a silence of the emergency stop.
+void End(const Source& source, FakeRobot& robot) {
+  source.end(robot);
+  if (source.reason == HoldReason::kEmergencyStopSilent) static_cast<void>(robot.loop.Clear());
+}
+
 // -- starting -------------------------------------------------------------------------------------
 
 TEST(ControlLoopStartTest, AReasonBeforeTheStartOnlyPreventsIt) {
@@ -34,7 +40,7 @@ TEST(ControlLoopStartTest, AReasonBeforeTheStartOnlyPreventsIt) {
     EXPECT_THAT(robot.loop.blocking_words(), HasSubstr(runtime::Name(source.reason)));
     EXPECT_EQ(robot.loop.Start(), source.reason);
     EXPECT_FALSE(robot.arm.armed());
-    source.end(robot);
+    End(source, robot);
     EXPECT_EQ(robot.loop.Start(), HoldReason::kNone);
     EXPECT_TRUE(robot.arm.armed());
   }
@@ -102,7 +108,7 @@ TEST(ControlLoopStartTest, DoesNotPowerUpWithAReasonToHold) {
     EXPECT_FALSE(robot.loop.AwaitHomeable(0.5, {}));
     EXPECT_EQ(robot.loop.Home(), source.reason);
     EXPECT_EQ(robot.arm.homings, 0);
-    source.end(robot);
+    End(source, robot);
     EXPECT_EQ(robot.loop.Home(), HoldReason::kNone);
   }
 }
@@ -125,7 +131,7 @@ TEST(ControlLoopStartTest, HomingEndsExactlyAtTheDeadlineOfEachFault) {
     const int late = source.name == "period" ? 1 : 0;  // the next period is late
     EXPECT_LE(robot.clock.now_ns - begins_ns,
               (source.periods() + late - 1) * kPeriodNs + (late != 0 ? 50'000'000 : 0));
-    source.end(robot);
+    End(source, robot);
     robot.loop.Idle(5.0);
     EXPECT_TRUE(robot.arm.unhomed) << "homing continued by itself";
     EXPECT_EQ(robot.loop.Home(), HoldReason::kNone);
@@ -159,6 +165,39 @@ TEST(ControlLoopStartTest, ClearAcknowledgesTheEmergencyStop) {
     EXPECT_TRUE(robot.loop.Clear());
     EXPECT_EQ(robot.loop.state(), RunState::kIdle);
   }
+}
+
+// Nobody could have stopped the robot during the silence.
+TEST(ControlLoopStartTest, ASilenceOfAConnectedStopBlocksUntilClear) {
+  FakeRobot robot;
+  robot.stop.found = {HoldReason::kEmergencyStopSilent, "not connected yet"};
+  robot.loop.Idle(1.0);
+  robot.stop.found = {};
+  robot.loop.Idle(1.0);
+  EXPECT_EQ(robot.loop.stop_silence_s(), 0.0);
+  EXPECT_EQ(robot.loop.blocking(), HoldReason::kNone);
+  for (const double seconds : {1.0, 0.5}) {
+    robot.stop.found = {HoldReason::kEmergencyStopSilent, "lost"};
+    robot.loop.Idle(seconds);
+    robot.stop.found = {};
+    robot.loop.Idle(1.0);
+  }
+  EXPECT_NEAR(robot.loop.stop_silence_s(), 1.5, 1e-9);
+  EXPECT_EQ(robot.loop.Start(1.0), HoldReason::kEmergencyStopSilent);
+  EXPECT_EQ(robot.loop.Home(), HoldReason::kEmergencyStopSilent);
+  EXPECT_EQ(robot.loop.blocking_words(),
+            "emergency-stop-silent: its messages were overdue for 1.50 s");
+  const std::int64_t start_ns = robot.clock.now_ns;
+  EXPECT_FALSE(robot.loop.AwaitReady(10.0, {}));
+  EXPECT_LT(robot.clock.now_ns - start_ns, 500'000'000) << "waiting does not help";
+  robot.stop.found = {HoldReason::kEmergencyStopSilent, "lost"};
+  EXPECT_FALSE(robot.loop.Clear()) << "the silence lasts";
+  robot.stop.found = {};
+  robot.loop.Idle(1.0);
+  EXPECT_EQ(robot.loop.Start(), HoldReason::kEmergencyStopSilent);
+  ASSERT_TRUE(robot.loop.Clear());
+  EXPECT_EQ(robot.loop.stop_silence_s(), 0.0);
+  EXPECT_EQ(robot.loop.Start(), HoldReason::kNone);
 }
 
 TEST(ControlLoopStartTest, WaitingEndsAtOnceWhenInterruptedOrStopped) {

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
+#include <functional>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -38,19 +39,44 @@ class OperatorPromptTest : public testing::Test {
     robot_.loop.Idle(0.5);
     robot_.stop.pressed = false;
   }
-  // Presses the stop during the question, types `word` and, at the next question, q.
-  [[nodiscard]] bool AllowsIfPressedBefore(std::string_view word) {
+  // During the question, runs `begin`, then `end`, types `word` and, at the next question, q.
+  [[nodiscard]] bool AllowsAfter(std::function<void()> begin, std::function<void()> end,
+                                 std::string_view word) {
     robot_.clock.plan_ns = robot_.clock.now_ns + 500'000'000;
-    robot_.clock.plan = [this, word] {
-      robot_.stop.pressed = true;
+    robot_.clock.plan = [this, begin = std::move(begin), end = std::move(end), word] {
+      begin();
       robot_.clock.plan_ns = robot_.clock.now_ns + 500'000'000;
-      robot_.clock.plan = [this, word] {
-        robot_.stop.pressed = false;
+      robot_.clock.plan = [this, end, word] {
+        end();
         typed_.Type(word);
         TypeLater("q\n");
       };
     };
     return Allows();
+  }
+  [[nodiscard]] bool AllowsIfPressedBefore(std::string_view word) {
+    return AllowsAfter([this] { robot_.stop.pressed = true; },
+                       [this] { robot_.stop.pressed = false; }, word);
+  }
+  [[nodiscard]] bool AllowsIfSilentBefore(std::string_view word) {
+    return AllowsAfter(
+        [this] {
+          robot_.stop.found = {HoldReason::kEmergencyStopSilent, "lost"};
+        },
+        [this] { robot_.stop.found = {}; }, word);
+  }
+  void BeSilent(double seconds) {
+    robot_.loop.Idle(0.5);
+    robot_.stop.found = {HoldReason::kEmergencyStopSilent, "lost"};
+    robot_.loop.Idle(seconds);
+    robot_.stop.found = {};
+    robot_.loop.Idle(1.0);
+  }
+  // Returns the text shown until the first question.
+  [[nodiscard]] std::string Question() {
+    std::string text;
+    test::Eventually([&] { return (text += shown_.Text()).find("q ends") != std::string::npos; });
+    return text;
   }
   [[nodiscard]] bool Allows() { return prompt_.AllowsEpisode(robot_.loop, "Ready the robot"); }
 
@@ -144,8 +170,7 @@ TEST_F(OperatorPromptTest, NamesAPressThatAnotherFaultHides) {
   PressAndRelease();
   TypeLater("q\n");
   EXPECT_FALSE(Allows());
-  std::string text;
-  test::Eventually([&] { return (text += shown_.Text()).find("q ends") != std::string::npos; });
+  const std::string text = Question();
   EXPECT_NE(text.find("faulted: arm-silent"), std::string::npos) << text;
   EXPECT_NE(text.find("emergency-stop: pressed"), std::string::npos) << text;
 }
@@ -162,6 +187,47 @@ TEST_F(OperatorPromptTest, APressDuringTheQuestionVoidsTheAnswer) {
   HoldFor(HoldReason::kStateJump);
   EXPECT_FALSE(AllowsIfPressedBefore("start\n"));
   EXPECT_EQ(robot_.loop.state(), RunState::kFaulted);
+}
+
+// Nobody could have stopped the robot during the silence, even if the stop is heard again.
+TEST_F(OperatorPromptTest, AStopThatWasSilentWhileIdleHasToBeCleared) {
+  BeSilent(1.5);
+  TypeLater("\nstart\nq\n");
+  EXPECT_FALSE(Allows());
+  EXPECT_EQ(robot_.stop.acknowledged, 0);
+  const std::string text = Question();
+  EXPECT_NE(
+      text.find("emergency-stop-silent: its messages were overdue for 1.50 s. Correct it, then "
+                "type clear"),
+      std::string::npos)
+      << text;
+  robot_.clock.plan_ns = robot_.clock.now_ns + 500'000'000;
+  robot_.clock.plan = [this] {
+    typed_.Type("clear\n");
+    TypeLater("\nstart\n");
+  };
+  EXPECT_TRUE(Allows());
+  EXPECT_EQ(robot_.stop.acknowledged, 1);
+}
+
+TEST_F(OperatorPromptTest, NamesASilenceThatAnotherFaultHides) {
+  HoldFor(HoldReason::kArmSilent);
+  BeSilent(0.25);
+  TypeLater("q\n");
+  EXPECT_FALSE(Allows());
+  const std::string text = Question();
+  EXPECT_NE(text.find("faulted: arm-silent: for the test; emergency-stop-silent: its messages were "
+                      "overdue for 0.25 s"),
+            std::string::npos)
+      << text;
+}
+
+TEST_F(OperatorPromptTest, ASilenceDuringTheQuestionVoidsTheAnswer) {
+  EXPECT_FALSE(AllowsIfSilentBefore("\n"));
+  ASSERT_TRUE(robot_.loop.Clear());
+  HoldFor(HoldReason::kArmSilent);
+  EXPECT_FALSE(AllowsIfSilentBefore("clear\n"));
+  EXPECT_EQ(robot_.stop.acknowledged, 1) << "only by the test";
 }
 
 TEST_F(OperatorPromptTest, TheLoopKeepsRunningAtThePrompt) {

@@ -82,7 +82,15 @@ bool MayBegin(RobotPlant& plant, bool simulated, Terminal& terminal) {
   };
   do {
     if (!plant.AcceptsOthers(say, confirms)) return false;
-    if (simulated) return plant.loop().ended_regularly();
+    if (simulated) {
+      // Without an operator, a silence of the emergency stop while idle is only reported.
+      if (plant.loop().stop_silence_s() > 0.0 && !plant.loop().stop_pressed() &&
+          plant.loop().state() == runtime::RunState::kIdle) {
+        say(plant.loop().silence_words());
+        static_cast<void>(plant.Clear());
+      }
+      return plant.loop().ended_regularly();
+    }
     if (!prompt.AllowsEpisode(plant.loop(), kPrepare)) return false;
   } while (!plant.KnowsOthers());  // a participant joined during the question
   return true;

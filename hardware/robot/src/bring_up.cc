@@ -13,18 +13,25 @@ std::runtime_error NotReady(const BringUpOptions& robot) {
                             (robot.remedy ? robot.remedy() : ""));
 }
 
-// Waits until nothing blocks homing. After an emergency stop the operator must type `clear`.
+// Waits until nothing blocks homing. After a press or a silence of the emergency stop the operator
+// must type `clear`. A simulated robot goes on after a silence.
 void AwaitHomeable(const BringUpOptions& robot, const Say& say, const Confirms& confirms) {
   robot::ControlLoop& loop = *robot.loop;
   while (!loop.AwaitHomeable(robot.patience_s, say)) {
     const bool pressed = loop.stop_pressed();
-    const bool stopped = loop.blocking() == HoldReason::kEmergencyStop ||
+    const bool silent = loop.stop_silence_s() > 0.0;
+    const bool stopped = pressed || silent || loop.blocking() == HoldReason::kEmergencyStop ||
                          loop.blocking() == HoldReason::kEmergencyStopSilent;
+    if (robot.simulated && silent && !pressed) {
+      static_cast<void>(loop.Clear());
+      if (loop.stop_silence_s() == 0.0) continue;
+    }
     if (!stopped || !confirms ||
         !confirms(loop.blocking_words() + ". Correct it, then type clear", "clear")) {
       throw NotReady(robot);
     }
-    if (loop.stop_pressed() && !pressed) continue;  // the operator has not been told of the press
+    // The operator does not know of a press or a silence during the question.
+    if ((loop.stop_pressed() && !pressed) || (loop.stop_silence_s() > 0.0 && !silent)) continue;
     static_cast<void>(loop.Clear());
   }
 }
@@ -43,7 +50,7 @@ void BringUpArm(const BringUpOptions& robot, const Say& say, const Confirms& con
   const auto holds_good = [&] {
     return loop.AwaitHomeable(0.0, {}) && (!robot.knows_others || robot.knows_others());
   };
-  // A fault or a new participant during the question voids the answer.
+  // A doubt or a participant that arises during the question voids the answer.
   for (bool confirmed = robot.simulated; !confirmed; confirmed = holds_good()) {
     AwaitHomeable(robot, say, confirms);
     AcceptOthers(robot);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <limits>
 
 #include "dfr/core/contract.h"
@@ -82,6 +83,7 @@ void ControlLoop::CheckThreads() noexcept {
     stop_pressed_ = health.finding.reason == HoldReason::kEmergencyStop;
     stop_found = CheckThread(health, Ns(options_.max_stop_check_s),
                              {HoldReason::kEmergencyStopSilent, "its listening thread hangs"});
+    NoteSilence(stop_found.reason);
   }
   if (!homing_) {  // homing needs no pictures
     static_cast<void>(CheckThread(camera->Report(), Ns(options_.max_camera_check_s),
@@ -102,6 +104,18 @@ void ControlLoop::CheckThreads() noexcept {
     arm->Hold();
     static_cast<void>(arm->Tick(clock->SteadyNs(), clock->WallNs()));  // holds in this period
   }
+}
+
+void ControlLoop::NoteSilence(HoldReason found) noexcept {
+  const std::int64_t now_ns = devices_.clock->MachineNs();
+  stop_silent_ = found == HoldReason::kEmergencyStopSilent;
+  if (stop_silent_ && stop_heard_) stop_silence_ns_ += now_ns - stop_checked_ns_;
+  stop_heard_ = stop_heard_ || !stop_silent_;
+  stop_checked_ns_ = now_ns;
+  std::snprintf(silence_detail_.data(), silence_detail_.size(),
+                "its messages were overdue for %.2f s", stop_silence_s());
+  if (found != HoldReason::kNone || stop_silence_ns_ == 0) return;
+  machine_.Hold(HoldReason::kEmergencyStopSilent, silence_detail_.data());
 }
 
 Finding ControlLoop::CheckThread(const ThreadHealth& found, std::int64_t max_check_ns,
@@ -156,6 +170,7 @@ bool ControlLoop::Await(double timeout_s, const std::function<void(std::string_v
   for (bool said = false;; Idle(0.1)) {
     if (blocking() == HoldReason::kNone) return true;
     if (blocking() == HoldReason::kEmergencyStop) return false;
+    if (stop_silence_ns_ > 0 && !stop_silent_) return false;
     if (devices_.interrupted != nullptr && *devices_.interrupted) return false;
     const std::int64_t waited_ns = devices_.clock->MachineNs() - start_ns;
     if (waited_ns > Ns(timeout_s)) return false;
@@ -235,7 +250,10 @@ HoldReason ControlLoop::Start(double patience_s) noexcept {
 }
 
 bool ControlLoop::Clear() noexcept {
+  constexpr double kForgetting = 0.05;  // s, until the stop has forgotten silent buttons
   if (devices_.emergency_stop != nullptr) devices_.emergency_stop->Acknowledge();
+  Idle(kForgetting);
+  stop_silence_ns_ = 0;
   Idle(options_.settle_time_s + 0.05);
   const bool cleared =
       state() == RunState::kIdle ? blocking() == HoldReason::kNone : machine_.Clear();
@@ -418,6 +436,10 @@ bool ControlLoop::ended_regularly() const noexcept {
 }
 
 std::string ControlLoop::cause() const { return InWords(last_reason_, last_detail_.data()); }
+
+std::string ControlLoop::silence_words() const {
+  return InWords(HoldReason::kEmergencyStopSilent, silence_detail_.data());
+}
 
 std::string ControlLoop::blocking_words() const {
   return InWords(machine_.blocking(), machine_.blocking_detail());

@@ -37,17 +37,22 @@ bool OperatorPrompt::AllowsEpisode(ControlLoop& loop, const std::string& task) {
     const bool faulted = loop.state() == RunState::kFaulted;
     // The emergency stop was pressed, or is silent, while the robot is idle.
     const bool pressed = loop.stop_pressed();
-    const bool stopped = pressed || (loop.state() == RunState::kIdle &&
-                                     loop.blocking() == HoldReason::kEmergencyStopSilent);
+    const bool silent = loop.stop_silence_s() > 0.0;
+    const bool stopped =
+        pressed || silent ||
+        (loop.state() == RunState::kIdle && loop.blocking() == HoldReason::kEmergencyStopSilent);
     if (faulted || stopped) {
       std::string what = faulted ? loop.cause() : loop.blocking_words();
       const std::string press =
           std::string(runtime::Name(HoldReason::kEmergencyStop)) + ": pressed";
       if (pressed && what != press) what += "; " + press;
+      const std::string silence = loop.silence_words();
+      if (silent && what != silence) what += "; " + silence;
       const std::string question =
           (faulted ? "faulted: " : "") + what + ". Correct it, then type clear";
       if (!Confirms(loop, question, "clear")) return false;
-      if (loop.stop_pressed() && !pressed) continue;  // the operator does not know of the press
+      // The operator does not know of a press or a silence during the question.
+      if ((loop.stop_pressed() && !pressed) || (loop.stop_silence_s() > 0.0 && !silent)) continue;
       if (!loop.Clear()) printer_->Say("the reason remains: %s\n", loop.blocking_words().c_str());
       cleared = what;
       continue;
@@ -58,8 +63,11 @@ bool OperatorPrompt::AllowsEpisode(ControlLoop& loop, const std::string& task) {
                   : Confirms(loop, "held: " + held + ". " + task + ", then type start", "start"))) {
       return false;
     }
-    // A press or a fault during the question voids the answer.
-    if (loop.state() != RunState::kFaulted && !loop.stop_pressed()) return true;
+    // A press, a silence or a fault during the question voids the answer.
+    if (loop.state() != RunState::kFaulted && !loop.stop_pressed() &&
+        loop.stop_silence_s() == 0.0) {
+      return true;
+    }
   }
 }
 

@@ -78,7 +78,7 @@ class ControlLoop {
   /// Runs the loop for `seconds`.
   void Idle(double seconds) noexcept;
   /// Runs the loop until nothing blocks a start. Returns false after `timeout_s`, or at once if
-  /// interrupted or if the emergency stop is pressed.
+  /// interrupted, if the emergency stop is pressed, or if it is heard again after a silence.
   /// @param say  called once, after one second, with the reason for waiting; may be empty.
   [[nodiscard]] bool AwaitReady(double timeout_s, const std::function<void(std::string_view)>& say);
   /// Same as AwaitReady(), but waits until nothing blocks Home().
@@ -101,8 +101,8 @@ class ControlLoop {
   /// Operator command: arms and starts the robot. Returns kNone, or the reason that prevents it.
   /// Retries for `patience_s` unless a fault must be cleared first.
   [[nodiscard]] runtime::HoldReason Start(double patience_s = 0.0) noexcept;
-  /// Operator command: confirms that a fault is repaired, or that an emergency stop pressed while
-  /// idle has been noticed. Returns false if a reason to hold remains.
+  /// Operator command: confirms that a fault is repaired, or that an emergency stop that was
+  /// pressed or silent while idle has been noticed. Returns false if a reason to hold remains.
   [[nodiscard]] bool Clear() noexcept;
   /// Reports a reason to hold found by the caller. The arm holds in the next period.
   void Hold(runtime::HoldReason reason, std::string_view detail = {}) noexcept;
@@ -139,12 +139,21 @@ class ControlLoop {
   /// Returns true from a press of the emergency stop to Clear(), even if another reason to hold
   /// hides the press. Inform the operator of the press before Clear().
   [[nodiscard]] bool stop_pressed() const noexcept { return stop_pressed_; }
+  /// Returns the total time, s, for which a connected emergency stop was silent since the last
+  /// Clear(). A start and homing are blocked while it is positive: nobody could stop the robot, and
+  /// an operator must know of it before Clear().
+  [[nodiscard]] double stop_silence_s() const noexcept {
+    return 1e-9 * static_cast<double>(stop_silence_ns_);
+  }
+  /// Describes stop_silence_s().
+  [[nodiscard]] std::string silence_words() const;
 
  private:
   [[nodiscard]] bool Await(double timeout_s, const std::function<void(std::string_view)>& say);
   [[nodiscard]] runtime::HoldReason TryToHome() noexcept;
   [[nodiscard]] runtime::HoldReason TryToStart() noexcept;
   void CheckThreads() noexcept;
+  void NoteSilence(runtime::HoldReason found) noexcept;
   Finding CheckThread(const ThreadHealth& found, std::int64_t max_check_ns,
                       const Finding& hangs) noexcept;
   void Report() noexcept;
@@ -176,6 +185,11 @@ class ControlLoop {
   bool homing_ = false;
   bool homing_platform_ = false;
   bool stop_pressed_ = false;
+  bool stop_heard_ = false;  // true if the emergency stop was connected at some time
+  bool stop_silent_ = false;
+  std::int64_t stop_silence_ns_ = 0;
+  std::int64_t stop_checked_ns_ = 0;
+  std::array<char, 96> silence_detail_{};
   runtime::HoldReason last_reason_ = runtime::HoldReason::kNone;
   std::array<char, 96> last_detail_{};
 };
