@@ -14,6 +14,7 @@
 #include <string>
 #include <vector>
 
+#include "apps/usage_error.h"
 #include "dfr/core/build_info.h"
 #include "dfr/core/text/command_line.h"
 #include "dfr/core/text/format.h"
@@ -78,7 +79,8 @@ CLI::Validator OneOf(const std::map<std::string, T>& words) {
 ///   program by a signal.
 /// - Closed standard streams are opened to /dev/null. Otherwise the next opened file would get the
 ///   descriptor of a standard stream, and then the program's messages.
-/// - An exception causes a message and a failure or, if it is core::UnknownName, a usage error.
+/// - An exception causes a message and a failure or, for core::UnknownName and UsageError, a
+///   usage error.
 ///   Output that could not be written, for example to a full disk, also causes a failure.
 template <typename Run>
 int RunProgram(const char* name, int argc, char** argv, Run run) {
@@ -91,6 +93,9 @@ int RunProgram(const char* name, int argc, char** argv, Run run) {
   try {
     code = run(argc, argv);
   } catch (const core::UnknownName& e) {
+    std::cerr << name << ": " << core::Printable(e.what()) << '\n';
+    code = kUsageError;
+  } catch (const UsageError& e) {
     std::cerr << name << ": " << core::Printable(e.what()) << '\n';
     code = kUsageError;
   } catch (const std::exception& e) {

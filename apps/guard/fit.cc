@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "apps/inputs.h"
+#include "apps/usage_error.h"
 #include "commands.h"
 #include "dfr/core/features/absolute_actions.h"
 #include "dfr/core/text/format.h"
@@ -107,12 +108,12 @@ namespace {
 // Checks --action-limit before the episodes are read.
 void CheckActionLimit(const std::vector<double>& limit, int dim) {
   if (limit.size() > 1 && limit.size() != static_cast<std::size_t>(dim)) {
-    throw std::invalid_argument(core::Format(
+    throw UsageError(core::Format(
         "--action-limit: has %zu entries, but actions have %d: give one entry for all, or %d",
         limit.size(), dim, dim));
   }
   if (!limit.empty() && *std::max_element(limit.begin(), limit.end()) == 0.0) {
-    throw std::invalid_argument("--action-limit: is zero in all entries: nothing could move");
+    throw UsageError("--action-limit: is zero in all entries: nothing could move");
   }
 }
 

@@ -6,6 +6,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "apps/usage_error.h"
 #include "dfr/dds/security.h"
 
 namespace dfr::apps::hardware_app {
@@ -20,9 +21,9 @@ dds::Permission PermissionOf(const std::string& name) {
       {"monitor", dds::Permission::kMonitor}};
   const auto known = kKnown.find(name);
   if (known == kKnown.end()) {
-    throw std::invalid_argument("'" + name + "' has no permission. Write " + name +
-                                ":controller, " + name + ":console, " + name + ":button or " +
-                                name + ":monitor");
+    throw UsageError("--participants: '" + name + "' has no permission. Write " + name +
+                     ":controller, " + name + ":console, " + name + ":button or " + name +
+                     ":monitor");
   }
   return known->second;
 }
@@ -57,8 +58,10 @@ void RunCertificates(const CertificatesOptions& options) {
   for (const std::string& text : options.participants) {
     participants.push_back(Parse(text));
     const std::string& name = participants.back().first;
-    dds::CheckParticipantName(name);
-    if (!names.insert(name).second) throw std::invalid_argument("'" + name + "' is given twice");
+    ValueOf("--participants", [&name] { dds::CheckParticipantName(name); });
+    if (!names.insert(name).second) {
+      throw UsageError("--participants: '" + name + "' is given twice");
+    }
     if (std::filesystem::exists(enclaves / name)) {
       throw std::runtime_error("participant '" + name +
                                "' exists already: omit it, or "

@@ -7,8 +7,10 @@
 #include <optional>
 #include <string>
 
+#include "apps/usage_error.h"
 #include "commands.h"
 #include "convergence/convergence_report.h"
+#include "dfr/core/features/features.h"
 #include "dfr/core/text/format.h"
 #include "dfr/experiment/episodes.h"
 #include "dfr/experiment/ledger.h"
@@ -293,7 +295,14 @@ TrialRunnerFactory MakeFactory(const ExperimentOptions& options,
   for (const std::string& name : plan.methods) {
     site_options.methods.push_back(study::ParseCompared(name));
   }
-  for (const std::string& name : plan.learners) static_cast<void>(Learner::Parse(name));
+  for (const std::string& name : plan.learners) {
+    ValueOf("--learners", [&name] { static_cast<void>(Learner::Parse(name)); });
+  }
+  ValueOf("--features", [&options] {
+    core::FeatureSelection(sim::PusherPlant(options.plant).layout(),
+                           options.model.support_features);
+  });
+  ValueOf("--methods, --learners, --demonstrations", [&plan] { experiment::CheckPlan(plan); });
   site_options.model = options.model;
   site_options.plant = options.plant;
   site_options.most_demonstrations =

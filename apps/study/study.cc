@@ -10,6 +10,7 @@
 #include "apps/study/imitator.h"
 #include "apps/study/runner.h"
 #include "apps/study/tables.h"
+#include "apps/usage_error.h"
 #include "dfr/control/controller.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
@@ -36,7 +37,8 @@ void CheckPictures(const Task& task) {
   for (const sim::GalleryTask& other : sim::GalleryTasks()) {
     if (HasPictures(*other.plant)) drawn.push_back(other.name);
   }
-  DFR_THROW_UNLESS(false, "task '" << task.name << "' has no pictures; valid: " << Join(drawn));
+  throw apps::UsageError("--pictures: task '" + task.name +
+                         "' has no pictures; valid: " + Join(drawn));
 }
 
 std::map<std::string, Place> Places(const std::vector<std::string>& wanted,
@@ -69,9 +71,10 @@ class Units {
       CheckKind(tasks_.back(), study.kind);
     }
     places_ = Places(study.conditions, tasks_, plan_.learners);
-    DFR_THROW_UNLESS(!places_.empty(), "none of the chosen tasks has the conditions "
-                                           << Join(study.conditions)
-                                           << "; choose other tasks or conditions");
+    if (places_.empty()) {
+      throw apps::UsageError("--conditions: none of the chosen tasks has the conditions " +
+                             Join(study.conditions) + "; choose other tasks or conditions");
+    }
     for (const std::string& name : study.controllers) {
       if (name != kAlone && name != "alone") controllers_.push_back(name);
     }
@@ -86,10 +89,11 @@ class Units {
     }
     for (const auto& [name, place] : places_) {
       const bool disturbed = place.condition->nuisances != Nuisances{};
-      DFR_THROW_UNLESS(!disturbed || !study.pictures.features.empty(),
-                       "condition '" << place.condition->name
-                                     << "' disturbs pictures: add --pictures points:image, and a "
-                                        "method such as guard/pictures");
+      if (disturbed && study.pictures.features.empty()) {
+        throw apps::UsageError("--conditions: '" + place.condition->name +
+                               "' disturbs pictures: add --pictures points:image, and a method "
+                               "such as guard/pictures");
+      }
       if (!study.pictures.features.empty()) CheckPictures(*place.task);
     }
     if (study.kind != Kind::kPlane) CheckPlacebos(controllers_);
@@ -276,6 +280,8 @@ std::vector<Row> RunStudy(const Study& study) {
   Units units(study);
   const experiment::EvaluationPlan& plan = units.plan();
   const std::vector<std::string>& controllers = units.controllers();
+  apps::ValueOf("--tasks, --policies, --conditions, --methods",
+                [&plan] { experiment::CheckPlan(plan); });
   const experiment::OutputFolder folder(study, plan);
   const auto found = experiment::RunExperiment(
       NameOf(study.kind), plan,
@@ -336,12 +342,15 @@ experiment::SequentialTest Compare(const Comparison& comparison) {
   const std::vector<Task> tasks = {MakeTask(comparison.task)};
   std::vector<std::string> names;
   const auto places = Places({comparison.condition}, tasks, names);
-  DFR_THROW_UNLESS(!names.empty(), "task '" << comparison.task << "' has no condition '"
-                                            << comparison.condition << "'");
+  if (names.empty()) {
+    throw apps::UsageError("--condition: task '" + comparison.task + "' has no condition '" +
+                           comparison.condition + "'");
+  }
   const Place& place = places.at(names.front());
-  DFR_THROW_UNLESS(place.condition->nuisances == Nuisances{},
-                   "condition '" << comparison.condition
-                                 << "' disturbs pictures, which no compared method receives");
+  if (place.condition->nuisances != Nuisances{}) {
+    throw apps::UsageError("--condition: '" + comparison.condition +
+                           "' disturbs pictures, which no compared method receives");
+  }
   const std::vector<std::string> methods = {comparison.first, comparison.second};
   for (const std::string& method : methods) static_cast<void>(ParseMethod(method));
   experiment::SequentialTest test(comparison.alpha);

@@ -186,6 +186,11 @@ class ExitCodesTest(unittest.TestCase):
                     demo.attrs["num_samples"] = 5
                     demo["actions"] = np.zeros((5, 2))
                     demo["obs/tip"] = demo["next_obs/tip"] = np.zeros((5, 2))
+            for program_path in (path for path in PROGRAMS if path.name == "guard"):
+                for values, fault in [("0,0", "is zero in all entries"), ("1,1,1", "has 3 entries")]:
+                    done = self.run_program(program_path, "fit", str(path), "--action-limit", values)
+                    self.assertEqual((done.returncode, done.stdout), (2, ""))
+                    self.assertIn(f"guard: --action-limit: {fault}", done.stderr)
             for program, needed in [
                 ("pusher", "states of qpos[0:7],tip[0:3],object[0:3],goal[0:3],red[0:6],tip_tilt[0:3] and controls of 7 entries"),
                 ("line_tracking", "states of tip[0:2],distance[0:1],heading[0:1] and controls of 2 entries"),
@@ -202,15 +207,19 @@ class ExitCodesTest(unittest.TestCase):
             ("line_tracking", "run --method foo", "run --method dart", "run --method true-jacobian", "render --method ensemble",
              "fit --features foo"),
             ("pusher", "evaluate --methods foo", "evaluate --methods dagger", "render --methods foo", "fit --learner foo",
-             "fit --features foo", "experiment --supervisor x.dfr --methods foo", "experiment --supervisor x.dfr --learners foo"),
+             "fit --features foo", "experiment --supervisor x.dfr --methods foo", "experiment --supervisor x.dfr --learners foo",
+             "experiment --supervisor x.dfr --learners 8x0", "experiment --supervisor x.dfr --features foo"),
             ("guard", "fit x.hdf5 --strategy foo"),
+            ("study", "run --conditions foo", "compare --condition foo"),
+            ("hardware", "certificates keys --participants foo"),
         ]:
             for path in (path for path in PROGRAMS if path.name == program):
                 for call in calls:
                     with self.subTest(program=program, call=call):
                         done = self.run_program(path, *shlex.split(call))
-                        self.assertEqual((done.returncode > 0, done.stdout), (True, ""))
-                        self.assertRegex(done.stderr, rf"\A{program}: .*'?{call.split()[-1]}'?.*\n\Z")
+                        self.assertEqual((done.returncode, done.stdout), (2, ""))
+                        *_, option, value = call.split()
+                        self.assertRegex(done.stderr, rf"\A{program}: .*{option.strip('-').rstrip('s')}.*'{value}'.*\n\Z")
                         self.assertNotIn("no such file", done.stderr)
 
     def test_every_number_has_a_range(self):
@@ -272,12 +281,13 @@ class ExitCodesTest(unittest.TestCase):
              "compare --demonstrations 2000000000", "detect demos.hdf5 --task pick", "detect --unlike", "rerun out ''",
              "rerun out 0/1/2/dfr/3 --film x.png", "power --power 1", "power --bound 1", "compare --alpha 0"),
             ("pusher", "demonstrate --horizon 2147483647", "train-supervisor --horizon 2147483647", "render --out x.avi", "rerun out 0/1/2/dfr/3 --film x.html",
-             "train-supervisor --out s --checkpoint ./s"),
+             "train-supervisor --out s --checkpoint ./s", "experiment --demonstrations 60,20 --supervisor x.dfr"),
             ("line_tracking", "run --amplitude 1e308", "run --amplitude 0,0,0,0,0,2", "run --frequency=-1", "render --out x.png",
-             "rerun out 0/1/2/dfr/3 --film x.html"),
+             "rerun out 0/1/2/dfr/3 --film x.html", "demonstrate --teleoperation", "experiment --features foo --out x"),
             ("dvrk_simulator", "--period 1e308", "--arm 'a b/c'", "--arm ''", "--server 127.0.0.1", "--amplitude 1e308",
              "--delay 3", "--jitter=-1", "--clock-jump 1e7", "--platform-speed 1", "--camera-fault fog"),
-            ("hardware", "check --server 127.0.0.1"),
+            ("hardware", "check --server 127.0.0.1", "certificates keys --participants ../a:button",
+             "certificates keys --participants a:button,a:button"),
             ("guard", "export none", "convert none none.hdf5 --id a/b-v0", "fit none --nu 0", "fit none --false-alarms 0",
              "fit none --confidence 1", "fit none --hold-out 0.6"),
         ]:

@@ -55,6 +55,8 @@ struct FitOptions {
   LineModelOptions model;
 };
 void RunFit(const FitOptions& options);
+/// Returns the layout of states. @throws UsageError if `features` are not part of it.
+core::StateLayout LayoutWith(const std::string& features);
 
 inline constexpr const char* kNoRecordings = "none";
 

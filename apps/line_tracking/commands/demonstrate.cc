@@ -3,6 +3,7 @@
 #include <iostream>
 #include <optional>
 
+#include "apps/usage_error.h"
 #include "commands/commands.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/progress.h"
@@ -152,7 +153,7 @@ RobotConfig LoadRobot(const std::filesystem::path& file) {
 void RunDemonstrate(const DemonstrateOptions& options) {
   if (!options.config.empty()) return DemonstrateOnRobot(options);
   if (options.teleoperation) {
-    throw std::invalid_argument("--teleoperation needs --config: the simulation has no operator");
+    throw UsageError("--teleoperation needs --config: the simulation has no operator");
   }
   experiment::ProgressBar bar("demonstrations");
   imitation::DemonstrationSet set = Demonstrate(

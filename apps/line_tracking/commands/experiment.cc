@@ -8,6 +8,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "apps/usage_error.h"
 #include "commands/commands.h"
 #include "dfr/core/random.h"
 #include "dfr/core/text/format.h"
@@ -292,6 +293,8 @@ std::vector<experiment::ReportMedia> RecordEpisodes(LineTrialRunner& runner,
 void RunExperiment(const ExperimentOptions& options) {
   const experiment::EvaluationPlan plan = MakePlan(options);
   for (const std::string& world : plan.learners) static_cast<void>(InWorld(options.plant, world));
+  static_cast<void>(LayoutWith(options.model.support_features));
+  ValueOf("--methods, --worlds", [&plan] { experiment::CheckPlan(plan); });
   const experiment::OutputFolder folder(options, plan);
   // Calibration takes seconds and runs at the first call: a shard that has no units or is rejected
   // skips it.

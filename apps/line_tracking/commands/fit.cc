@@ -1,6 +1,7 @@
 #include <iostream>
 
 #include "apps/inputs.h"
+#include "apps/usage_error.h"
 #include "commands/commands.h"
 #include "dfr/core/features/features.h"
 #include "dfr/core/text/format.h"
@@ -9,17 +10,22 @@
 
 namespace dfr::apps::line_tracking {
 
-void RunFit(const FitOptions& options) {
+core::StateLayout LayoutWith(const std::string& features) {
   SceneOptions uncalibrated;
   uncalibrated.calibration = kNoCalibration;
   const line_task::LineTask task(LoadCalibration(uncalibrated),
                                  sim::LineTrackingPlant::p_world_base());
-  static_cast<void>(core::FeatureSelection(task.layout(), options.model.support_features));
+  ValueOf("--features", [&] { core::FeatureSelection(task.layout(), features); });
+  return task.layout();
+}
+
+void RunFit(const FitOptions& options) {
+  const core::StateLayout layout = LayoutWith(options.model.support_features);
   MustExist(options.demonstrations,
             "Run `line_tracking demonstrate` first, or give another file with --demonstrations");
   const imitation::DemonstrationSet set = imitation::LoadRobomimic(options.demonstrations);
   MustBeOfTask(options.demonstrations, {set.layout, set.control_dim},
-               {task.layout(), ProportionalPolicy().control_dim()}, "line_tracking demonstrate");
+               {layout, ProportionalPolicy().control_dim()}, "line_tracking demonstrate");
   if (!set.note.empty()) std::cout << core::Printable(set.note) << '\n';
   kernel::Selection selection;
   const LineModel model = LineModel::Fit(set, options.model, &selection);

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "dfr/core/contract.h"
+#include "apps/usage_error.h"
 #include "dfr/core/features/features.h"
 #include "dfr/experiment/report.h"
 
@@ -13,10 +13,13 @@ void SavePicture(const std::vector<experiment::FilmedEpisode>& recordings,
                  const sim::GalleryTask& task, const std::string& entries,
                  const std::filesystem::path& path) {
   const core::FeatureSelection all = core::FeatureSelection::All(task.plant->state_dim());
-  const core::FeatureSelection chosen =
-      entries.empty() ? all : core::FeatureSelection(task.plant->layout(), entries);
-  DFR_THROW_UNLESS(entries.empty() || chosen.num_features() == 2,
-                   "a picture shows two entries of the state, not '" << entries << "'");
+  const core::FeatureSelection chosen = apps::ValueOf("--entries", [&] {
+    return entries.empty() ? all : core::FeatureSelection(task.plant->layout(), entries);
+  });
+  if (!entries.empty() && chosen.num_features() != 2) {
+    throw apps::UsageError("--entries: a picture shows two entries of the state, not '" + entries +
+                           "'");
+  }
   const int across = chosen.indices()[0];
   const int up = chosen.indices()[1];
   std::vector<experiment::ReportPlot> plots;
