@@ -391,7 +391,15 @@ bool PsmDriver::Link::Commands(std::string_view topic) const {
 
 void PsmDriver::Link::Count() noexcept {
   const dds::Health state = measured_js.health();
-  state_publishers.store(state.publishers, std::memory_order_relaxed);
+  // A second publisher of any state, such as a replayed log, would mix its samples with the arm's.
+  int most = state.publishers;
+  for (const int others :
+       {setpoint_js.health().publishers, measured_cp.health().publishers,
+        local_measured_cp.health().publishers, jaw_setpoint_js.health().publishers,
+        operating_state.health().publishers}) {
+    if (others > 1) most = std::max(most, others);
+  }
+  state_publishers.store(most, std::memory_order_relaxed);
   incompatible.store(state.incompatible, std::memory_order_relaxed);
   // Excludes our own monitoring subscribers.
   command_subscribers.store(std::max(0, state_command.num_subscribers() - 1),

@@ -139,8 +139,9 @@ struct PsmInput {
   std::optional<PsmJawSample> jaw_measured;
   std::optional<PsmJawSample> jaw_setpoint;
   std::optional<PsmOperatingState> operating_state;
-  int errors = 0;            ///< Number of messages on the console's topic error.
-  int state_publishers = 0;  ///< Number of matched publishers of measured_js.
+  int errors = 0;  ///< Number of messages on the console's topic error.
+  /// Number of matched publishers of measured_js, or of another state that has several publishers.
+  int state_publishers = 0;
   /// Number of publishers of measured_js refused because of their quality of service.
   int incompatible = 0;
   int other_publishers = 0;  ///< Number of publishers on the command topics other than this client.

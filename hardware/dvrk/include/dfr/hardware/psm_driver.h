@@ -115,7 +115,7 @@ class PsmDriver {
   [[nodiscard]] std::string Explain() const;
 
   /// Returns the numbers of other publishers on the arm's command topics, and of publishers of its
-  /// measured_js, as of the last Tick().
+  /// state (see PsmInput::state_publishers), as of the last Tick().
   [[nodiscard]] int other_publishers() const noexcept { return other_publishers_; }
   [[nodiscard]] int state_publishers() const noexcept { return state_publishers_; }
   /// Return the numbers of subscribers to servo_cp, state_command and hold.
