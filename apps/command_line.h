@@ -79,9 +79,8 @@ CLI::Validator OneOf(const std::map<std::string, T>& words) {
 ///   program by a signal.
 /// - Closed standard streams are opened to /dev/null. Otherwise the next opened file would get the
 ///   descriptor of a standard stream, and then the program's messages.
-/// - An exception causes a message and a failure or, for core::UnknownName and UsageError, a
-///   usage error.
-///   Output that could not be written, for example to a full disk, also causes a failure.
+/// - An exception causes a message and a failure or, for core::UnknownName and UsageError, a usage
+///   error. Output that could not be written, for example to a full disk, also causes a failure.
 template <typename Run>
 int RunProgram(const char* name, int argc, char** argv, Run run) {
   static_cast<void>(std::signal(SIGXFSZ, SIG_IGN));
