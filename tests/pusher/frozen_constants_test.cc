@@ -91,6 +91,7 @@ std::map<std::string, double> InTheCode() {
           {"guided::kIdleAtRest", control::guided::kIdleAtRest},
           {"guided::kRestDrift", control::guided::kRestDrift},
           {"guided::kPassDepthQuantile", control::guided::kPassDepthQuantile},
+          {"guided::kPredictionQuantile", control::guided::kPredictionQuantile},
           {"guided::kShallowDepth", control::guided::kShallowDepth},
           {"guided::kResting", control::guided::kResting},
           {"guided::kDepthCorrections", control::guided::kDepthCorrections},

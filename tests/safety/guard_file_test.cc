@@ -154,8 +154,8 @@ TEST_F(GuardFileTest, OneContradictoryValueIsRefusedByName) {
 }
 
 TEST_F(GuardFileTest, AnotherVersionIsRefusedByName) {
-  core::ArchiveWriter("guard", 8).Save(path_);
-  EXPECT_THAT(Refusal(), HasSubstr("is a guard file of version 8; this program reads version 7: "
+  core::ArchiveWriter("guard", 9).Save(path_);
+  EXPECT_THAT(Refusal(), HasSubstr("is a guard file of version 9; this program reads version 8: "
                                    "fit it again"));
 }
 

@@ -366,8 +366,8 @@ TEST_F(TaskModelTest, MissingFilesAndOtherStatesAreNamed) {
                                              HasSubstr("does not fit the other files")));
   std::filesystem::remove(folder_ / "support.dfr");
   EXPECT_THAT(Refusal(), HasSubstr((folder_ / "support.dfr").string()));
-  core::ArchiveWriter("task-model", 5).Save(folder_ / "task.dfr");
-  EXPECT_THAT(Refusal(), HasSubstr("version 5; this program reads version 4"));
+  core::ArchiveWriter("task-model", 6).Save(folder_ / "task.dfr");
+  EXPECT_THAT(Refusal(), HasSubstr("version 6; this program reads version 5"));
 }
 
 TEST_F(TaskModelTest, AFolderThatCannotBeCreatedIsNamed) {

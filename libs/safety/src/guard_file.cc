@@ -15,7 +15,7 @@ namespace dfr::safety {
 namespace {
 
 constexpr std::string_view kGuardKind = "guard";
-constexpr int kGuardVersion = 7;
+constexpr int kGuardVersion = 8;
 constexpr int kMostCount = 1 << 30;
 constexpr int kMaxFitWarnings = 1 << 16;
 constexpr int kMostRows = 1 << 10;

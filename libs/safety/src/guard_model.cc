@@ -217,14 +217,17 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
     return nullptr;
   }
   if (!going_on("fitting the response to actions", 0.8)) return nullptr;
-  auto task = std::make_shared<const TaskModel>(internal::MakeTask(
-      recorded, std::move(fit->support), fit->left_out, fit->options.single_precision));
+  TaskParts parts = internal::MakeTask(recorded, std::move(fit->support), fit->left_out,
+                                       fit->options.single_precision);
   if (!going_on("estimating the alarm level", 0.95)) return nullptr;
 
-  const std::optional<internal::Replay> replayed = internal::ReplayLeftOut(
-      recorded, *fit, task->view(), [&] { return going_on("estimating the alarm level", 0.95); });
+  const std::optional<internal::Replay> replayed =
+      internal::ReplayLeftOut(recorded, fit->folds, fit->without, parts.view(),
+                              [&] { return going_on("estimating the alarm level", 0.95); });
   if (!replayed) return nullptr;
   const internal::Replay& replay = *replayed;
+  parts.levels.SetPredictionErrors(replay.level_errors);
+  auto task = std::make_shared<const TaskModel>(std::move(parts));
   std::vector<core::Trajectory> held_out;
   for (const std::size_t d : std::span(order).first(num_held_out)) {
     held_out.push_back(demonstrations[d]);

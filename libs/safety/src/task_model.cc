@@ -13,7 +13,7 @@ namespace dfr::safety {
 namespace {
 
 constexpr std::string_view kTaskKind = "task-model";
-constexpr int kTaskVersion = 4;
+constexpr int kTaskVersion = 5;
 constexpr std::string_view kTaskFile = "task.dfr";
 constexpr std::string_view kSupportFile = "support.dfr";
 constexpr int kMostHorizon = 1'000'000;
@@ -123,9 +123,7 @@ const kernel::WhitenedSupport& TaskModel::feature_support() const noexcept {
 }
 const control::Levels& TaskModel::levels() const noexcept { return data_->parts.levels; }
 const control::Response& TaskModel::response() const noexcept { return data_->parts.response; }
-control::TaskView TaskModel::view() const noexcept {
-  return {features(), feature_support(), levels(), response()};
-}
+control::TaskView TaskModel::view() const noexcept { return data_->parts.view(); }
 bool TaskModel::single_precision() const noexcept { return data_->parts.single_precision; }
 const kernel::TimeVaryingSupport* TaskModel::published() const noexcept {
   return data_->parts.published ? &data_->parts.published->support : nullptr;

@@ -269,8 +269,7 @@ TEST_F(GuidedControllerTest, AStayAtTheEdgeRaisesThePassLevelOverTenSteps) {
     ASSERT_EQ(step.mode, Mode::kPolicy);
     ASSERT_FALSE(step.filtered);
     ASSERT_EQ(step.t, n);
-    const double lo = model.levels.pass(n + 1);
-    const double hi = model.levels.gate(n + 1);
+    const double lo = model.levels.pass(n + 1), hi = model.levels.gate(n + 1);
     ASSERT_GT(lo, 0.1);
     const double share = ((1.0 - std::pow(0.98, n)) / 0.02 - 10.0) / 10.0;
     EXPECT_NEAR(step.log_threshold, lo + (hi - lo) * std::clamp(share, 0.0, 1.0), 1e-12) << n;
@@ -285,6 +284,7 @@ TEST_F(GuidedControllerTest, AfterTwoCorrectionsInARowThePassDepthWaitsForAPassI
   constexpr double kDepth = 0.3;
   test::Task task{test::IdentityFeatures(), support, Rightwards()};
   task.levels.SetHeldOut(std::vector{HeldOutLevels{.levels = {-kDepth}, .phases = {0}}});
+  task.levels.SetPredictionErrors(std::vector{kDepth});
   double level = 0.0;
   const test::FunctionPolicy aside(
       2, 2, [&](int, std::span<const double>, std::span<double> learned) {

@@ -27,8 +27,10 @@ TEST(LeastInterventionTest, InAWorldAtRestTheLearnedControlPassesSlightlyOutside
       demonstration.controls.col(0).array() += moves ? -0.7 * test::kSpeed : 0.0;
     }
     test::Task task{test::IdentityFeatures(), support, demonstrations};
-    for (const double depth : {0.05, 9.0}) {
+    for (const auto& [depth, error] :
+         std::vector<std::pair<double, double>>{{0.05, 9.0}, {9.0, 9.0}, {9.0, 0.03}}) {
       task.levels.SetHeldOut(std::vector{HeldOutLevels{.levels = {-depth}, .phases = {0}}});
+      task.levels.SetPredictionErrors(std::vector{error});
       for (const bool least : {true, false}) {
         for (const bool disturbed : {false, true}) {
           GuidedOptions options{.least_intervention = least, .probe_size = 0.0};
@@ -38,7 +40,8 @@ TEST(LeastInterventionTest, InAWorldAtRestTheLearnedControlPassesSlightlyOutside
               ResponseEstimate(task.response.prior(), {}, moves).FitAt(0, core::AsSpan(z));
           const LocalModel local{support, fit};
           SafetyFilter filter(task, options);
-          const double lowest = -std::min(depth, guided::kShallowDepth * filter.max_exit_level());
+          const double shallow = guided::kShallowDepth * filter.max_exit_level();
+          const double lowest = -std::min({depth, error, shallow});
           const double most = least && !disturbed && !moves ? lowest : 0.0;
           int passed = 0;
           int changed = 0;

@@ -178,6 +178,21 @@ TEST(LevelsTest, PassDepthIsALowQuantileOfAllHeldOutLevels) {
   EXPECT_EQ(levels.pass_depth(), 0.0) << "states inside give no depth";
 }
 
+// 5 % of the errors 0, .01, ..., 1 exceed .95.
+TEST(LevelsTest, PredictionErrorIsAHighQuantileOfTheErrors) {
+  Levels levels(test::MovingDisk(), Points());
+  EXPECT_EQ(levels.prediction_error(), 0.0);
+  std::vector<double> errors;
+  for (int k = 100; k >= 0; --k) errors.push_back(0.01 * k);
+  levels.SetPredictionErrors(errors);
+  EXPECT_NEAR(levels.prediction_error(), 0.95, 1e-12);
+  levels.SetPredictionErrors({});
+  EXPECT_EQ(levels.prediction_error(), 0.0);
+  for (const double bad : {-1e-9, std::nan("")}) {
+    EXPECT_THROW(levels.SetPredictionErrors(std::vector{bad}), std::invalid_argument) << bad;
+  }
+}
+
 TEST(LevelsTest, SlackIsAQuantileOfHeldOutLevelsAndAtLeastTheDefault) {
   EXPECT_EQ(EstimateSlack({0.3, 0.2, 0.1}), LevelOptions().slack);
   // The 0.2-quantile of -1, -0.9, ..., 0 is the third of eleven.

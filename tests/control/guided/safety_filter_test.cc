@@ -394,6 +394,7 @@ TEST_F(SafetyFilterTest, AnIdleChangeIsMadeIfItLeadsBackInside) {
 TEST_F(SafetyFilterTest, AtThePassDepthOnlyACorrectionThatEndsInsideReplacesAControl) {
   constexpr double kDepth = 0.8;
   model_.levels.SetHeldOut(std::vector{HeldOutLevels{.levels = {-kDepth}, .phases = {0}}});
+  model_.levels.SetPredictionErrors(std::vector{kDepth});
   // Without a raise, the correction is the nominal control.
   GuidedOptions options{.iterations = 0, .least_intervention = true, .probe_size = 0.0};
   options.max_exit_ratio = kDepth / model_.levels.slack();

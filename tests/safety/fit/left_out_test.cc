@@ -73,6 +73,30 @@ core::StateLayout RedundantLayout(int copies) {
   return layout;
 }
 
+// A plant that follows the actions exactly, and one that adds noise to them.
+TEST(LeftOutTest, PredictionErrorsAreThoseOfThePlant) {
+  for (const bool noisy : {false, true}) {
+    core::Random random(7);
+    auto demonstrations = test::CorridorDemonstrations(3, 30);
+    for (core::Trajectory& d : demonstrations) {
+      for (Eigen::Index t = 0; t < d.controls.rows(); ++t) {
+        const double dy = -0.3 * d.states(t, 2) + 0.02 * random.Normal();
+        const double noise = noisy ? 0.02 * random.Normal() : 0.0;
+        d.controls.row(t) = test::ActionFor(test::kSpeed, dy).transpose();
+        d.states.row(t + 1) << t + 1.0, d.states(t, 1) + test::kSpeed, d.states(t, 2) + dy + noise;
+      }
+    }
+    const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations);
+    const double error = model->task().levels().prediction_error();
+    if (noisy) {
+      EXPECT_GT(error, 0.05);
+      EXPECT_LT(error, 1.0);
+    } else {
+      EXPECT_LT(error, 0.01);
+    }
+  }
+}
+
 TEST(LeftOutTest, AGoodFitChangesFewActionsAndExplainsThem) {
   const auto model = test::Model();
   EXPECT_LT(model->summary().changed, 0.25);

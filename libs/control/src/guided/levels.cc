@@ -91,6 +91,13 @@ void Levels::SetHeldOut(std::span<const HeldOutLevels> held_out) {
   edge_stay_ = std::max(guided::kLeastEdgeStay, Quantile(longest, guided::kEdgeStayQuantile));
 }
 
+void Levels::SetPredictionErrors(std::span<const double> errors) {
+  DFR_THROW_UNLESS(std::all_of(errors.begin(), errors.end(), [](double e) { return e >= 0.0; }),
+                   "an error of a prediction is negative or NaN");
+  std::vector<double> all(errors.begin(), errors.end());
+  prediction_error_ = all.empty() ? 0.0 : Quantile(all, guided::kPredictionQuantile);
+}
+
 void Levels::Save(core::ArchiveWriter& archive) const {
   archive.Numbers(gate_);
   archive.Numbers(pass_);
@@ -99,6 +106,7 @@ void Levels::Save(core::ArchiveWriter& archive) const {
   archive.Number(slack_);
   archive.Number(edge_stay_);
   archive.Number(pass_depth_);
+  archive.Number(prediction_error_);
 }
 
 Levels Levels::Load(core::ArchiveReader& archive) {
@@ -130,6 +138,10 @@ Levels Levels::Load(core::ArchiveReader& archive) {
   levels.pass_depth_ = archive.Number();
   if (!(levels.pass_depth_ >= 0.0 && std::isfinite(levels.pass_depth_))) {
     archive.Fail("the pass depth must be finite and not negative");
+  }
+  levels.prediction_error_ = archive.Number();
+  if (!(levels.prediction_error_ >= 0.0)) {
+    archive.Fail("the error of predictions must not be negative or NaN");
   }
   return levels;
 }

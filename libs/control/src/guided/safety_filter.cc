@@ -24,7 +24,8 @@ SafetyFilter::SafetyFilter(const TaskView& task, const GuidedOptions& options)
       demonstrates_(options.demonstrated),
       pass_depth_(options.least_intervention ? std::min(task.levels().pass_depth(), max_exit_level_)
                                              : 0.0),
-      shallow_depth_(std::min(pass_depth_, guided::kShallowDepth * max_exit_level_)),
+      shallow_depth_(std::min({pass_depth_, guided::kShallowDepth * max_exit_level_,
+                               task.levels().prediction_error()})),
       least_(options.least_intervention),
       disturbed_(options.disturbance_model.active()),
       trial_(Eigen::VectorXd::Zero(task.response().control_dim())),

@@ -11,6 +11,7 @@
 #include "dfr/core/features/feature_decision.h"
 #include "dfr/core/numerics/quantile.h"
 #include "dfr/safety/constants.h"
+#include "fit/left_out.h"
 
 namespace dfr::safety::internal {
 namespace {
@@ -335,8 +336,10 @@ TaskParts FitTask(const core::StateLayout& layout, std::span<const core::Traject
                    "leaving demonstrations out needs at least 3, not " << demonstrations.size());
   SupportFits fits(recorded);
   kernel::WhitenedSupport support = fits.ToAll(options.guided);
+  const core::Folds folds = recorded.Stratified(fit::kFolds);
+  std::vector<std::optional<kernel::WhitenedSupport>> without;
   const std::optional<HeldOut> left_out = fits.LeaveOut(
-      recorded.Stratified(fit::kFolds), options.guided, [](double) { return true; }, nullptr);
+      folds, options.guided, [](double) { return true; }, &without);
   std::optional<PublishedSupport> published;
   if (options.published) {
     core::FeatureSelection selection =
@@ -350,6 +353,9 @@ TaskParts FitTask(const core::StateLayout& layout, std::span<const core::Traject
   TaskParts task = MakeTask(recorded, std::move(support), *left_out,
                             options.guided.single_precision, std::move(published));
   task.horizon = options.horizon;
+  const std::optional<Replay> replay =
+      ReplayLeftOut(recorded, folds, without, task.view(), [] { return true; });
+  task.levels.SetPredictionErrors(replay->level_errors);
   return task;
 }
 

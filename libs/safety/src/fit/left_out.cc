@@ -1,6 +1,7 @@
 #include "fit/left_out.h"
 
 #include <algorithm>
+#include <cmath>
 #include <memory>
 
 #include "dfr/control/response/response_estimate.h"
@@ -21,10 +22,12 @@ struct Sums {
   Eigen::VectorXd v;        // Sum of the actions with a prediction.
   Eigen::VectorXd squares;  // Sum of the squares of each entry.
   Eigen::VectorXd missed;   // Sum of squared errors of the predictions.
+  std::vector<double> level_errors;
 
   [[nodiscard]] Replay Shares() const {
     if (!(count > 0.0)) return {};
-    Replay replay{.changed = changed / count, .ends_outside = outside / count};
+    Replay replay{
+        .changed = changed / count, .ends_outside = outside / count, .level_errors = level_errors};
     if (!(guessed > 0.0) || !(squares.sum() > 0.0)) return replay;
     const Eigen::VectorXd variances = squares - v.cwiseAbs2() / guessed;
     Eigen::Index most = 0;
@@ -40,9 +43,10 @@ struct Sums {
   }
 };
 
-void Judge(int phase, std::span<const double> z, const Eigen::VectorXd& v,
-           const core::LogDecisionFunction& support, const control::Levels& levels,
-           const control::ResponseEstimate& estimate, control::LocalFit& fit, Sums& sums) {
+void Judge(int phase, std::span<const double> z, std::span<const double> after,
+           const Eigen::VectorXd& v, const core::LogDecisionFunction& support,
+           const control::Levels& levels, const control::ResponseEstimate& estimate,
+           control::LocalFit& fit, Sums& sums) {
   estimate.FitAt(phase, z, fit);
   Eigen::VectorXd next = core::AsVector(z);
   fit.AddEffect(v, next);
@@ -50,6 +54,8 @@ void Judge(int phase, std::span<const double> z, const Eigen::VectorXd& v,
   sums.count += 1.0;
   sums.changed += level >= levels.pass(phase + 1) ? 0.0 : 1.0;
   sums.outside += level >= 0.0 ? 0.0 : 1.0;
+  const double error = std::abs(level - support.LogDecision(phase + 1, after, {}));
+  if (std::isfinite(error)) sums.level_errors.push_back(error);
   Eigen::VectorXd guess = Eigen::VectorXd::Zero(v.size());
   if (!fit.NominalControl(guess)) return;
   sums.guessed += 1.0;
@@ -60,7 +66,8 @@ void Judge(int phase, std::span<const double> z, const Eigen::VectorXd& v,
 
 }  // namespace
 
-std::optional<Replay> ReplayLeftOut(const Recorded& recorded, const GuardFit& fit,
+std::optional<Replay> ReplayLeftOut(const Recorded& recorded, const core::Folds& folds,
+                                    std::span<const std::optional<kernel::WhitenedSupport>> without,
                                     const control::TaskView& task,
                                     const std::function<bool()>& going_on) {
   const control::Response& response = task.response();
@@ -74,27 +81,27 @@ std::optional<Replay> ReplayLeftOut(const Recorded& recorded, const GuardFit& fi
   }
   const std::size_t stride = std::max<std::size_t>(1, actions / kMostActions);
   Sums sums(response.control_dim());
-  for (std::size_t fold = 0; fold < fit.folds.size(); ++fold) {
-    if (!fit.without[fold]) continue;
+  for (std::size_t fold = 0; fold < folds.size(); ++fold) {
+    if (!without[fold]) continue;
     if (!going_on()) return std::nullopt;
-    const kernel::WhitenedSupport& support = *fit.without[fold];
+    const kernel::WhitenedSupport& support = *without[fold];
     const control::ResponseEstimate estimate(
         std::make_shared<const control::TransitionStore>(
-            core::WithoutFold(points, fit.folds, fold),
-            core::WithoutFold(controls, fit.folds, fold), response.prior()->options(),
-            core::WithoutFold(contexts, fit.folds, fold)),
+            core::WithoutFold(points, folds, fold), core::WithoutFold(controls, folds, fold),
+            response.prior()->options(), core::WithoutFold(contexts, folds, fold)),
         {}, response.has_drift());
     control::LocalFit made = estimate.MakeFit();
     std::size_t next = 0;
     for (std::size_t d = 0; d < controls.size(); ++d) {
-      if (std::ranges::count(fit.folds[fold], d) == 0) continue;
+      if (std::ranges::count(folds[fold], d) == 0) continue;
       std::vector<int> steps;
       Follow(support, points[d], &steps);
       for (Eigen::Index t = 0; t < controls[d].rows(); ++t, ++next) {
         if (next % stride != 0) continue;
         if (!contexts.empty()) made.SetContext(core::Row(contexts[d], t));
-        Judge(steps[static_cast<std::size_t>(t)], core::Row(points[d], t), controls[d].row(t),
-              support, task.levels(), estimate, made, sums);
+        Judge(steps[static_cast<std::size_t>(t)], core::Row(points[d], t),
+              core::Row(points[d], t + 1), controls[d].row(t), support, task.levels(), estimate,
+              made, sums);
       }
     }
   }

@@ -2,6 +2,7 @@
 
 #include <functional>
 #include <optional>
+#include <vector>
 
 #include "dfr/control/guided/task_view.h"
 #include "dfr/control/response/local_fit.h"
@@ -13,6 +14,8 @@ namespace dfr::safety::internal {
 struct Replay {
   double changed = 0.0;       ///< Fraction of actions that strategy kGuard would change.
   double ends_outside = 0.0;  ///< Fraction of actions whose predicted next state is outside.
+  /// Absolute differences of l at the predicted and at the observed next states.
+  std::vector<double> level_errors = {};
   /// Fraction of the variance of actions that LocalFit::NominalControl() explains; negative
   /// if the mean action predicts better.
   double explained = 1.0;
@@ -27,10 +30,12 @@ struct Replay {
 };
 
 /// Scores fewer than 2000 actions, each with the support and the transitions fitted without its
-/// demonstration. Uses the levels of `task`, which is fitted to all demonstrations.
+/// demonstration: without[i] is the support without folds[i]. Uses the levels of `task`, which is
+/// fitted to all demonstrations.
 /// @returns nothing if `going_on`, which is called for each fold, returns false.
-[[nodiscard]] std::optional<Replay> ReplayLeftOut(const Recorded& recorded, const GuardFit& fit,
-                                                  const control::TaskView& task,
-                                                  const std::function<bool()>& going_on);
+[[nodiscard]] std::optional<Replay> ReplayLeftOut(
+    const Recorded& recorded, const core::Folds& folds,
+    std::span<const std::optional<kernel::WhitenedSupport>> without, const control::TaskView& task,
+    const std::function<bool()>& going_on);
 
 }  // namespace dfr::safety::internal

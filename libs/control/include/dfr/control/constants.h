@@ -72,9 +72,12 @@ inline constexpr double kLeastEdgeStay = 10.0;
 inline constexpr double kEdgeRamp = 10.0;
 /// Levels::pass_depth(): minus this quantile of l over held-out demonstrated states.
 inline constexpr double kPassDepthQuantile = 0.05;
+/// Levels::prediction_error(): this quantile of the error of l at predicted states.
+inline constexpr double kPredictionQuantile = 0.95;
 /// SafetyFilter: at the pass depth a control passes unless a correction is predicted to end inside.
-/// It always passes down to this multiple of the exit level, or if its norm is at most kResting
-/// ordinary controls: a correction would push a policy that waits.
+/// It always passes at a level that the error of predictions explains, down to this multiple of the
+/// exit level, or if its norm is at most kResting ordinary controls: a correction would push a
+/// policy that waits.
 inline constexpr double kShallowDepth = 0.25;
 inline constexpr double kResting = 0.2;
 /// GuidedController: after this number of consecutive corrections no control passes at the pass

@@ -70,6 +70,10 @@ struct TaskParts {
   /// Algorithm 1 uses. The results borrow this object.
   [[nodiscard]] core::FeatureDecision GuidedDecision() const { return {features, support}; }
   [[nodiscard]] core::FeatureDecision PublishedDecision() const;
+  /// Returns the parts that controllers borrow.
+  [[nodiscard]] control::TaskView view() const noexcept {
+    return {features, support, levels, response};
+  }
 };
 
 /// Model fitted to one set of demonstrations (docs/recovery.md): whitened features, their support

@@ -68,6 +68,10 @@ class Levels {
   /// guided::kLeastEdgeStay, and pass_depth() to minus the quantile guided::kPassDepthQuantile of
   /// all levels, at least 0. @throws std::invalid_argument if there are none.
   void SetHeldOut(std::span<const HeldOutLevels> held_out);
+  /// Sets prediction_error() to the quantile guided::kPredictionQuantile of `errors`, the absolute
+  /// differences of l at predicted and at observed states of held-out demonstrations. The result
+  /// is 0 if there are none. @throws std::invalid_argument if an error is negative or NaN.
+  void SetPredictionErrors(std::span<const double> errors);
 
   /// Appends this object to a file.
   void Save(core::ArchiveWriter& archive) const;
@@ -91,6 +95,10 @@ class Levels {
   /// rest: 5 % of the supervisor's states lie at least that far outside a support fitted without
   /// them. Equals 0 before SetHeldOut().
   [[nodiscard]] double pass_depth() const noexcept { return pass_depth_; }
+  /// Returns the error of l at predicted states that 95 % of the predictions keep. A smaller
+  /// distance from a level does not show on which side of it a control ends. Equals 0 before
+  /// SetPredictionErrors().
+  [[nodiscard]] double prediction_error() const noexcept { return prediction_error_; }
   /// Returns LevelOptions::slack.
   [[nodiscard]] double slack() const noexcept { return slack_; }
 
@@ -104,6 +112,7 @@ class Levels {
   std::vector<double> median_;
   double slack_ = 0.0;
   double pass_depth_ = 0.0;
+  double prediction_error_ = 0.0;
   double edge_stay_ = guided::kLeastEdgeStay;
 };
 

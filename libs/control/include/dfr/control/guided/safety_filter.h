@@ -31,12 +31,12 @@ class SafetyFilter {
   /// phase is at least `stay_level` and higher than in the next phase. With least intervention, in
   /// a world at rest, and if `to_depth`, `pass_level` minus the pass depth suffices. It does not
   /// suffice if all of these hold: a corrected control is predicted to end inside, `v` is not a
-  /// resting control (guided::kResting), and its level is below `pass_level` minus
-  /// guided::kShallowDepth times the exit level. `v` is also unchanged if the corrected control
-  /// would still end below `pass_level`, differs by at most guided::kIdle (in a world at rest, if
-  /// `v` does not lower the level, kIdleAtRest), gains no more than target.level - pass_level, and
-  /// does not lead back inside. The mode is kRecovery if `v` does not come from the learned
-  /// control, and kProbe if `v` is a probe.
+  /// resting control (guided::kResting), and its level is below `pass_level` by more than
+  /// Levels::prediction_error() or guided::kShallowDepth times the exit level. `v` is also
+  /// unchanged if the corrected control would still end below `pass_level`, differs by at most
+  /// guided::kIdle (in a world at rest, if `v` does not lower the level, kIdleAtRest), gains no
+  /// more than target.level - pass_level, and does not lead back inside. The mode is kRecovery if
+  /// `v` does not come from the learned control, and kProbe if `v` is a probe.
   [[nodiscard]] Choice Filter(LocalFit& fit, const StepTarget& target, double pass_level,
                               Eigen::VectorXd& v,
                               double stay_level = std::numeric_limits<double>::infinity(),
@@ -65,10 +65,10 @@ class SafetyFilter {
   StepLimits limits_;
   double max_exit_level_;
   double probe_size_;
-  bool demonstrates_;  ///< Tries demonstrated controls first.
-  double pass_depth_;  ///< Levels::pass_depth(), at most max_exit_level_. 0 without least_.
-  double shallow_depth_;
-  bool least_;  ///< Least intervention.
+  bool demonstrates_;     ///< Tries demonstrated controls first.
+  double pass_depth_;     ///< Levels::pass_depth(), at most max_exit_level_. 0 without least_.
+  double shallow_depth_;  ///< Depth down to which all controls pass, at most pass_depth_.
+  bool least_;            ///< Least intervention.
   bool disturbed_;
   Eigen::VectorXd trial_;
   Eigen::VectorXd demonstrated_;
