@@ -39,7 +39,7 @@ TEST(CameraModelTest, UndistortionInvertsDistortionOverTheWholeImage) {
   for (int y = 0; y < camera.height; y += 13) {
     for (int x = 0; x < camera.width; x += 13) {
       const Eigen::Vector2d pixel(x, y);
-      // Newton's last step is below 1e-10 in normalized coordinates, which is 7e-8 pixels.
+      // Newton's last step is below 1e-10 in normalised coordinates, which is 7e-8 pixels.
       EXPECT_TRUE(AllClose(camera.ToPixel(camera.ToNormalized(pixel)), pixel, 1e-7));
     }
   }

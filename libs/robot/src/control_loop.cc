@@ -112,9 +112,10 @@ void ControlLoop::NoteSilence(HoldReason found) noexcept {
   if (stop_silent_ && stop_heard_) stop_silence_ns_ += now_ns - stop_checked_ns_;
   stop_heard_ = stop_heard_ || !stop_silent_;
   stop_checked_ns_ = now_ns;
+  if (stop_silence_ns_ == 0) return;
   std::snprintf(silence_detail_.data(), silence_detail_.size(),
                 "its messages were overdue for %.2f s", stop_silence_s());
-  if (found != HoldReason::kNone || stop_silence_ns_ == 0) return;
+  if (found != HoldReason::kNone) return;
   machine_.Hold(HoldReason::kEmergencyStopSilent, silence_detail_.data());
 }
 

@@ -39,7 +39,7 @@ TEST(ResponseEstimateTest, RecoversALinearSystemFromDemonstrations) {
   EXPECT_TRUE(test::AllClose(fit.jacobian(), truth, 1e-6));
 }
 
-// Definition: J minimizes ridge |J|^2 + sum of weights |dz - J v|^2.
+// Definition: J minimises ridge |J|^2 + sum of weights |dz - J v|^2.
 TEST(ResponseEstimateTest, OnlineDataAreWeightedLeastSquaresWithForgetting) {
   core::Random random(2);
   const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);

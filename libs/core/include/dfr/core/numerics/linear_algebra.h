@@ -33,7 +33,7 @@ struct SymmetricEigen {
 /// Reads only the lower triangle. If `a` is singular, x is one of the solutions, if there are any.
 [[nodiscard]] Eigen::MatrixXd SolveSymmetric(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b);
 
-/// Returns the shortest x among those that minimize |a x - b|^2 (complete orthogonal
+/// Returns the shortest x among those that minimise |a x - b|^2 (complete orthogonal
 /// decomposition).
 [[nodiscard]] Eigen::MatrixXd SolveLeastSquares(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b);
 
