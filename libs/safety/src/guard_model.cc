@@ -221,12 +221,16 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
                                        fit->options.single_precision);
   if (!going_on("estimating the alarm level", 0.95)) return nullptr;
 
-  const std::optional<internal::Replay> replayed =
-      internal::ReplayLeftOut(recorded, fit->folds, fit->without, parts.view(),
-                              [&] { return going_on("estimating the alarm level", 0.95); });
-  if (!replayed) return nullptr;
-  const internal::Replay& replay = *replayed;
-  parts.levels.SetPredictionErrors(replay.level_errors);
+  const auto replayed = [&] {
+    return internal::ReplayLeftOut(recorded, fit->folds, fit->without, parts.view(),
+                                   [&] { return going_on("estimating the alarm level", 0.95); });
+  };
+  std::optional<internal::Replay> replay = replayed();
+  if (!replay) return nullptr;
+  // The errors decide which actions the guard changes.
+  parts.levels.SetPredictionErrors(replay->level_errors);
+  replay = replayed();
+  if (!replay) return nullptr;
   auto task = std::make_shared<const TaskModel>(std::move(parts));
   std::vector<core::Trajectory> held_out;
   for (const std::size_t d : std::span(order).first(num_held_out)) {
@@ -281,12 +285,13 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
                              ? control::EstimateDirectionError(recorded.seen, fit->folds)
                              : control::EstimateDirectionError(task->response(), unseen),
       .gain = control::EstimateGain(held_out.empty() ? recorded.seen : unseen),
-      .changed = replay.changed,
-      .ends_outside = replay.ends_outside,
-      .explained = replay.explained,
-      .action_error = replay.error,
-      .entry_error = replay.entry_error};
-  settings.demonstrated = !replay.guesses();
+      .changed = replay->changed,
+      .ends_outside = replay->ends_outside,
+      .below_pass = replay->below_pass,
+      .explained = replay->explained,
+      .action_error = replay->error,
+      .entry_error = replay->entry_error};
+  settings.demonstrated = !replay->guesses();
   settings.direction_error = options.error_factor * model->summary_.direction_error.value;
   model->Complete(layout, actions, std::move(task), settings);
   model->context_ = std::move(context);

@@ -129,7 +129,7 @@ TEST(ReducedGuardFitTest, RefusesAGuardThatWouldStopTheDemonstrator) {
                            {.features = "pca:camera:40:light=none", .accept_any = accept_any});
   };
   const std::string message = test::MessageOf([&] { static_cast<void>(fit(false)); });
-  EXPECT_THAT(message, HasSubstr("would change"));
+  EXPECT_THAT(message, HasSubstr("end at too low a level to pass"));
   EXPECT_THAT(message, HasSubstr("Record more demonstrations"));
   EXPECT_THAT(message, HasSubstr("light=standard"));
   EXPECT_NE(fit(true), nullptr);

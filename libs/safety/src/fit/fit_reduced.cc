@@ -167,7 +167,7 @@ class Components {
 
 bool Suffices(const GuardSummary& summary) {
   return summary.acceptance >= fit::kLeastInsideReduced &&
-         summary.changed <= fit::kMostChangedReduced;
+         summary.below_pass <= fit::kMostChangedReduced;
 }
 
 }  // namespace
@@ -201,7 +201,8 @@ std::shared_ptr<GuardModel> GuardModel::FitReduced(const core::StateLayout& layo
     model->reduction_ = reduction;
     if (open) open->Describe(candidates[i], model->summary_);
     const bool good = Suffices(model->summary_);
-    if (good || !best || model->summary_.changed < best->summary_.changed) best = std::move(model);
+    if (good || !best || model->summary_.below_pass < best->summary_.below_pass)
+      best = std::move(model);
     if (good) break;
   }
   const GuardSummary& summary = best->summary_;
@@ -212,14 +213,15 @@ std::shared_ptr<GuardModel> GuardModel::FitReduced(const core::StateLayout& layo
   throw std::invalid_argument(
       options.features +
       core::Format(
-          ": with %d features %.0f %% of the states of left-out demonstrations are inside, and the "
-          "guard would change %.0f %% of their actions. At least %.0f %% must be inside, and at "
-          "most %.0f %% may be changed; otherwise the guard would stop even the demonstrator. "
+          ": with %d features %.0f %% of the states of left-out demonstrations are inside, and "
+          "%.0f %% of their actions end at too low a level to pass. At least %.0f %% must be "
+          "inside, and at most %.0f %% may end there; otherwise the guard would stop even the "
+          "demonstrator. "
           "Record more demonstrations, choose features with fewer irrelevant details (points: of "
           "a picture, grey, a smaller size, light=standard), or add states to the features%s. To "
           "fit anyway, use --accept-any or accept_any=True",
           best->task().features().selection().num_features(), 100.0 * summary.acceptance,
-          100.0 * summary.changed, 100.0 * fit::kLeastInsideReduced,
+          100.0 * summary.below_pass, 100.0 * fit::kLeastInsideReduced,
           100.0 * fit::kMostChangedReduced,
           open ? "" : ", or let the fit choose the number of components"));
 }

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <memory>
 
+#include "dfr/control/guided/safety_filter.h"
 #include "dfr/control/response/response_estimate.h"
 
 namespace dfr::safety::internal {
@@ -17,6 +18,7 @@ struct Sums {
       : v(Eigen::VectorXd::Zero(control_dim)), squares(v), missed(v) {}
   double count = 0.0;
   double changed = 0.0;
+  double below_pass = 0.0;
   double outside = 0.0;
   double guessed = 0.0;     // Number of actions with a prediction.
   Eigen::VectorXd v;        // Sum of the actions with a prediction.
@@ -26,8 +28,10 @@ struct Sums {
 
   [[nodiscard]] Replay Shares() const {
     if (!(count > 0.0)) return {};
-    Replay replay{
-        .changed = changed / count, .ends_outside = outside / count, .level_errors = level_errors};
+    Replay replay{.changed = changed / count,
+                  .below_pass = below_pass / count,
+                  .ends_outside = outside / count,
+                  .level_errors = level_errors};
     if (!(guessed > 0.0) || !(squares.sum() > 0.0)) return replay;
     const Eigen::VectorXd variances = squares - v.cwiseAbs2() / guessed;
     Eigen::Index most = 0;
@@ -46,13 +50,17 @@ struct Sums {
 void Judge(int phase, std::span<const double> z, std::span<const double> after,
            const Eigen::VectorXd& v, const core::LogDecisionFunction& support,
            const control::Levels& levels, const control::ResponseEstimate& estimate,
-           control::LocalFit& fit, Sums& sums) {
+           control::SafetyFilter& filter, control::LocalFit& fit, Sums& sums) {
   estimate.FitAt(phase, z, fit);
   Eigen::VectorXd next = core::AsVector(z);
   fit.AddEffect(v, next);
   const double level = support.LogDecision(phase + 1, core::AsSpan(next), {});
   sums.count += 1.0;
-  sums.changed += level >= levels.pass(phase + 1) ? 0.0 : 1.0;
+  const double pass = levels.pass(phase + 1);
+  sums.below_pass += level >= pass ? 0.0 : 1.0;
+  Eigen::VectorXd applied = v;
+  static_cast<void>(filter.Filter(fit, {phase + 1, levels.gate(phase + 1)}, pass, applied));
+  sums.changed += applied == v ? 0.0 : 1.0;
   sums.outside += level >= 0.0 ? 0.0 : 1.0;
   const double error = std::abs(level - support.LogDecision(phase + 1, after, {}));
   if (std::isfinite(error)) sums.level_errors.push_back(error);
@@ -91,6 +99,8 @@ std::optional<Replay> ReplayLeftOut(const Recorded& recorded, const core::Folds&
             response.prior()->options(), core::WithoutFold(contexts, folds, fold)),
         {}, response.has_drift());
     control::LocalFit made = estimate.MakeFit();
+    control::SafetyFilter filter({task.features(), support, task.levels(), response},
+                                 {.least_intervention = true});
     std::size_t next = 0;
     for (std::size_t d = 0; d < controls.size(); ++d) {
       if (std::ranges::count(folds[fold], d) == 0) continue;
@@ -101,7 +111,7 @@ std::optional<Replay> ReplayLeftOut(const Recorded& recorded, const core::Folds&
         if (!contexts.empty()) made.SetContext(core::Row(contexts[d], t));
         Judge(steps[static_cast<std::size_t>(t)], core::Row(points[d], t),
               core::Row(points[d], t + 1), controls[d].row(t), support, task.levels(), estimate,
-              made, sums);
+              filter, made, sums);
       }
     }
   }

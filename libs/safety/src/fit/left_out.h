@@ -12,7 +12,10 @@ namespace dfr::safety::internal {
 
 /// Scores of a guard for actions of held-out demonstrations.
 struct Replay {
-  double changed = 0.0;       ///< Fraction of actions that strategy kGuard would change.
+  /// Fraction of actions that strategy kGuard would change, with Levels::prediction_error() of the
+  /// task.
+  double changed = 0.0;
+  double below_pass = 0.0;    ///< Fraction of actions predicted to end below Levels::pass().
   double ends_outside = 0.0;  ///< Fraction of actions whose predicted next state is outside.
   /// Absolute differences of l at the predicted and at the observed next states.
   std::vector<double> level_errors = {};

@@ -49,7 +49,7 @@ inline constexpr double kLeftVariance = 0.01;
 inline constexpr double kLeastInside = 0.2;
 
 /// Requirements on a guard with components: the smallest fraction of left-out states inside, and
-/// the largest fraction of left-out actions changed. For pictures that need 20 components, guards
+/// the largest GuardSummary::below_pass. For pictures that need 20 components, guards
 /// with 3 and 6 components reduced a policy's completions from 97.5 % to 50 % and 75 %.
 inline constexpr double kLeastInsideReduced = 0.85;
 inline constexpr double kMostChangedReduced = 0.2;

@@ -93,6 +93,9 @@ struct GuardSummary {
   control::EstimatedConstant gain = {};
   double changed = 0.0;       ///< Fraction of left-out actions that strategy kGuard would change.
   double ends_outside = 0.0;  ///< Fraction of left-out actions that are predicted to end outside.
+  /// Fraction of left-out actions that are predicted to end below control::Levels::pass(). Files do
+  /// not store it.
+  double below_pass = 0.0;
   /// Fraction of the variance of left-out actions that nearby demonstrations explain.
   double explained = 1.0;
   double action_error = 0.0;  ///< Squared error of predicted left-out actions / squared actions.
