@@ -67,8 +67,8 @@ class GuardAppTest(GuardProgramTest):
         # demonstrations and sqrt(.1 .9 / 60) = .039 by chance, together .066. The limit is three of these.
         self.assertLess(alarms / 60, 0.1 + 3 * 0.066)
         passed = float(re.search(r"([\d.]+) % of the 1200 actions pass unchanged", out).group(1))
-        # The fit counts all actions that are predicted to end below the pass level. The guard passes some of them.
-        self.assertGreater(passed, 100.0 - changed)
+        # The fit estimates the share from left-out demonstrations.
+        self.assertAlmostEqual(passed, 100.0 - changed, delta=4.0)
         out = self.run_guard("evaluate", "task.guard", "failures.hdf5")
         self.assertIn("10 of 10 episodes raise an alarm", out)
         self.assertIn("0 pass untouched", out)
