@@ -78,7 +78,7 @@ class Citizenship(unittest.TestCase):
                 self.assertIn("ADVISED OF THE POSSIBILITY OF SUCH DAMAGE", copyright)
                 # In this format, empty lines end paragraphs.
                 self.assertIn("\n .\n", copyright)
-                self.assertEqual("reaches code under the GPL" in copyright, reaches_gpl(file.parent.name, rows))
+                self.assertEqual("only under the GPL" in copyright, reaches_gpl(file.parent.name, rows))
 
 
 if __name__ == "__main__":

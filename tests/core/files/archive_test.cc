@@ -135,7 +135,7 @@ TEST_F(ArchiveTest, OtherFilesAreNotReadToTheirEnd) {
 TEST_F(ArchiveTest, ErrorsQuoteOnlyShortPrintableText) {
   ArchiveWriter("\x1b[2J\xff" + std::string(1000, 'k'), 1).Save(File());
   EXPECT_THAT(Error([&] { ArchiveReader(File(), "sample", 1); }),
-              HasSubstr("is a ?[2J?" + std::string(35, 'k') + " file, where"));
+              HasSubstr("is a ?[2J?" + std::string(35, 'k') + " file, but"));
 }
 
 // A hostile file with a valid checksum must not make the reader allocate the declared size.
