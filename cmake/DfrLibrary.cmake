@@ -252,6 +252,7 @@ endfunction()
 # Installs the files that find_package(dfr COMPONENTS ...) reads. They name every component of components.txt:
 # other builds may install more components into the same folder.
 function(dfr_install_package)
+  include(DfrMujoco)
   set(libraries ${component_names})
   set(needs "")
   foreach(name IN LISTS libraries)

@@ -1,9 +1,11 @@
+# Minor version of MuJoCo on which the simulations are calibrated. dfrConfig.cmake accepts no other.
+set(DFR_MUJOCO_VERSION 2.2)
+
 # Finds MuJoCo for the folders of sim/. Any of these folders may be configured first.
 macro(dfr_find_mujoco)
-  dfr_find_package(mujoco 2.2)
-  if(mujoco_VERSION VERSION_GREATER_EQUAL 2.3)
-    # The simulations are calibrated on MuJoCo 2.2.
-    set(DFR_MISSING "package mujoco 2.2 (there is ${mujoco_VERSION})" PARENT_SCOPE)
+  dfr_find_package(mujoco ${DFR_MUJOCO_VERSION})
+  if(NOT "${mujoco_VERSION}." MATCHES "^${DFR_MUJOCO_VERSION}[.]")
+    set(DFR_MISSING "package mujoco ${DFR_MUJOCO_VERSION} (there is ${mujoco_VERSION})" PARENT_SCOPE)
     return()
   endif()
   get_target_property(mujoco_is_global mujoco::mujoco IMPORTED_GLOBAL)
