@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <stdexcept>
@@ -80,6 +81,12 @@ TEST_F(RobotConfigTest, ErrorsNameFileLineKeyAndValidValues) {
       {"\n[loop]\nperiode_s = 0.01\n",
        ":3: unknown key 'loop.periode_s' in [loop]; valid: period_s"},
       {"robt = \"dds\"\n", ":1: unknown key 'robt'"},
+      {"robot = 'dds'\nmethod = 'magic'\n",
+       ":2: method must be a method: unknown method 'magic'; valid: baseline, "},
+      {"method = 'true-jacobian'\n", ":1: method must be a method: unknown method"},
+      {"[network]\nserver = 'robot.local'\n",
+       ":2: network.server must be an IPv4 address such as \"127.0.0.1\""},
+      {"[arm]\nname = 'a b'\n", ":2: arm.name must be "},
       {"[network]\ndomain = 1.5\n", ":2: network.domain must be a whole number in [0, 232]"},
       {"[simulator]\nlock_step = true\n", ":2: simulator.lock_step"},
       {"[loop]\nperiod_s = 0.02\nmax_period_s = 0.03\n",
