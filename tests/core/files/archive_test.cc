@@ -13,6 +13,7 @@
 #include <stdexcept>
 
 #include "tests/support/message_of.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::core {
 namespace {
@@ -22,7 +23,7 @@ using testing::HasSubstr;
 class ArchiveTest : public testing::Test {
  protected:
   ArchiveTest()
-      : folder_(std::filesystem::path(testing::TempDir()) /
+      : folder_(dfr::test::ProcessFolder() /
                 testing::UnitTest::GetInstance()->current_test_info()->name()) {
     std::filesystem::create_directories(folder_);
   }
@@ -135,7 +136,7 @@ TEST_F(ArchiveTest, OtherFilesAreNotReadToTheirEnd) {
 TEST_F(ArchiveTest, ErrorsQuoteOnlyShortPrintableText) {
   ArchiveWriter("\x1b[2J\xff" + std::string(1000, 'k'), 1).Save(File());
   EXPECT_THAT(Error([&] { ArchiveReader(File(), "sample", 1); }),
-              HasSubstr("is a ?[2J?" + std::string(35, 'k') + " file, but"));
+              HasSubstr("is a ?[2J?" + std::string(35, 'k') + " file, but a sample file"));
 }
 
 // A hostile file with a valid checksum must not make the reader allocate the declared size.

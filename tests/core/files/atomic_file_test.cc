@@ -19,6 +19,7 @@
 #include <string>
 
 #include "tests/support/message_of.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::core {
 namespace {
@@ -28,9 +29,8 @@ using testing::HasSubstr;
 class AtomicFileTest : public testing::Test {
  protected:
   AtomicFileTest()
-      : folder_(std::filesystem::path(testing::TempDir()) /
-                (std::string("atomic_file_") + std::to_string(getpid()) + "_" +
-                 testing::UnitTest::GetInstance()->current_test_info()->name())) {
+      : folder_(dfr::test::ProcessFolder() /
+                testing::UnitTest::GetInstance()->current_test_info()->name()) {
     std::filesystem::remove_all(folder_);
     std::filesystem::create_directories(folder_);
   }
