@@ -19,6 +19,7 @@
 #include "tests/kernel/libsvm_peer.h"
 #include "tests/support/all_close.h"
 #include "tests/support/message_of.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::kernel {
 namespace {
@@ -31,7 +32,7 @@ class LibsvmIoTest : public testing::Test {
  protected:
   void SetUp() override {
     const auto* test = testing::UnitTest::GetInstance()->current_test_info();
-    path_ = std::filesystem::path(testing::TempDir()) / (std::string("dfr_io_") + test->name());
+    path_ = dfr::test::ProcessFolder() / (std::string("dfr_io_") + test->name());
   }
   void TearDown() override { std::filesystem::remove(path_); }
 

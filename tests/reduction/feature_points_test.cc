@@ -15,6 +15,7 @@
 #include "dfr/core/random.h"
 #include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::reduction {
 namespace {
@@ -184,8 +185,7 @@ TEST(FeaturePointsTest, OptionsOutOfRangeAreNamed) {
 
 // OptionsOutOfRangeAreNamed tests all values.
 TEST(FeaturePointsTest, HostileFilesAreRefusedByName) {
-  const std::filesystem::path path =
-      std::filesystem::path(testing::TempDir()) / "feature_points_test.dfr";
+  const std::filesystem::path path = dfr::test::ProcessFolder() / "feature_points_test.dfr";
   const auto message = [&](int side, double sharpness, const Matrix& patches) {
     core::ArchiveWriter writer("test", 1);
     writer.Integer(side);

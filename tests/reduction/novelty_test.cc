@@ -17,6 +17,7 @@
 #include "dfr/core/random.h"
 #include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::reduction {
 namespace {
@@ -217,7 +218,7 @@ struct Values {
 };
 
 TEST(NoveltyTest, HostileFilesAreRefusedByName) {
-  const std::filesystem::path path = std::filesystem::path(testing::TempDir()) / "novelty_test.dfr";
+  const std::filesystem::path path = dfr::test::ProcessFolder() / "novelty_test.dfr";
   const auto message = [&](const std::function<void(Values&)>& change) {
     Values values;
     change(values);

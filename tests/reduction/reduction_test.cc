@@ -14,6 +14,7 @@
 #include "tests/support/all_close.h"
 #include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::reduction {
 namespace {
@@ -127,7 +128,7 @@ TEST(ReductionTest, RefusesInvalidParts) {
 }
 
 TEST(ReductionTest, AFileKeepsAllBits) {
-  const auto path = std::filesystem::path(testing::TempDir()) / "reduction.dfr";
+  const auto path = dfr::test::ProcessFolder() / "reduction.dfr";
   const Reduction reduction = Random(9);
   core::ArchiveWriter archive("reduction", 1);
   reduction.Save(archive);
@@ -141,7 +142,7 @@ TEST(ReductionTest, AFileKeepsAllBits) {
 
 // RefusesInvalidParts tests all parts. The reader of archives has its own tests.
 TEST(ReductionTest, AFileWithInvalidPartsIsRefusedByName) {
-  const auto path = std::filesystem::path(testing::TempDir()) / "hostile_reduction.dfr";
+  const auto path = dfr::test::ProcessFolder() / "hostile_reduction.dfr";
   const Eigen::VectorXd three = Eigen::VectorXd::Ones(3);
   const auto message = [&](const Eigen::VectorXd& scale, const Matrix& projection, bool more) {
     core::ArchiveWriter archive("reduction", 1);

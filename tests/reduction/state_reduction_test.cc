@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <limits>
@@ -14,6 +15,7 @@
 #include "dfr/core/random.h"
 #include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::reduction {
 namespace {
@@ -60,8 +62,7 @@ std::vector<double> Applied(const StateReduction& reduction, const std::vector<d
 
 // Saves `written` to a file and loads it for states of this layout.
 StateReduction Reloaded(const StateReduction& written, const core::StateLayout& layout) {
-  const std::filesystem::path path =
-      std::filesystem::path(testing::TempDir()) / "state_reduction_test.dfr";
+  const std::filesystem::path path = dfr::test::ProcessFolder() / "state_reduction_test.dfr";
   core::ArchiveWriter writer("test", 1);
   written.Save(writer);
   writer.Save(path);

@@ -13,6 +13,7 @@
 #include "dfr/core/matrix.h"
 #include "tests/control/rightwards.h"
 #include "tests/support/message_of.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::control {
 namespace {
@@ -50,7 +51,7 @@ TEST(LevelsTest, AreQuantilesOfTheDemonstrations) {
 }
 
 TEST(LevelsTest, AFileKeepsAllLevels) {
-  const auto path = std::filesystem::path(testing::TempDir()) / "levels_kept.dfr";
+  const auto path = dfr::test::ProcessFolder() / "levels_kept.dfr";
   Levels levels(test::MovingDisk(), Points(), {.slack = 0.3});
   // All states are at the edge.
   levels.SetHeldOut(
@@ -75,7 +76,7 @@ TEST(LevelsTest, AFileKeepsAllLevels) {
 }
 
 TEST(LevelsTest, AFileWithAnInvalidLevelIsRefused) {
-  const auto path = std::filesystem::path(testing::TempDir()) / "levels.dfr";
+  const auto path = dfr::test::ProcessFolder() / "levels.dfr";
   const auto message = [&](const std::vector<double>& gate, const std::vector<double>& pass,
                            const std::vector<double>& edge, const std::vector<double>& median,
                            double slack, double edge_stay = 10.0, double pass_depth = 0.0) {

@@ -18,6 +18,7 @@
 #include "tests/control/rightwards.h"
 #include "tests/control/task.h"
 #include "tests/support/message_of.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::control {
 namespace {
@@ -82,7 +83,7 @@ FeatureTrajectories Drives(double noise) {
 }
 
 TEST(ResponseTest, NoiseOfStatesBarelyChangesTheNominalControl) {
-  const auto path = std::filesystem::path(testing::TempDir()) / "drives.dfr";
+  const auto path = dfr::test::ProcessFolder() / "drives.dfr";
   for (const double noise : {0.0, 0.2}) {
     SCOPED_TRACE(noise);
     const FeatureTrajectories drives = Drives(noise);
@@ -143,7 +144,7 @@ TEST(ResponseTest, ValuesAreListedForEntriesThatHaveFew) {
 }
 
 TEST(ResponseTest, AFileKeepsTheResponse) {
-  const auto path = std::filesystem::path(testing::TempDir()) / "response_kept.dfr";
+  const auto path = dfr::test::ProcessFolder() / "response_kept.dfr";
   auto demonstrations = test::Rightwards();
   for (core::Trajectory& d : demonstrations) {
     for (Eigen::Index t = 0; t < d.controls.rows(); ++t) d.controls(t, 0) = t % 2 == 0 ? 0.1 : 0.0;
@@ -173,7 +174,7 @@ TEST(ResponseTest, AFileKeepsTheResponse) {
 }
 
 TEST(ResponseTest, AFileWithAnInvalidControlIsRefused) {
-  const auto path = std::filesystem::path(testing::TempDir()) / "response.dfr";
+  const auto path = dfr::test::ProcessFolder() / "response.dfr";
   const auto message = [&](double largest, double unit) {
     core::ArchiveWriter archive("response", 1);
     archive.Number(largest);

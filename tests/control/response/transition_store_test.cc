@@ -14,6 +14,7 @@
 #include "dfr/core/matrix.h"
 #include "tests/support/message_of.h"
 #include "tests/support/random_matrix.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::control {
 namespace {
@@ -108,7 +109,7 @@ TEST(TransitionStoreTest, WithoutControlsThereAreNoSums) {
 }
 
 TEST(TransitionStoreTest, AnInvalidFileIsRefused) {
-  const auto path = std::filesystem::path(testing::TempDir()) / "broken_prior.dfr";
+  const auto path = dfr::test::ProcessFolder() / "broken_prior.dfr";
   core::Matrix rows = core::Matrix::Ones(60, 4);
   int features = 1;
   int entries = 1;

@@ -18,6 +18,7 @@
 #include "tests/kernel/support/walks.h"
 #include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::kernel {
 namespace {
@@ -29,7 +30,7 @@ class TimeVaryingSupportFileTest : public testing::Test {
  protected:
   void SetUp() override {
     const auto* test = testing::UnitTest::GetInstance()->current_test_info();
-    path_ = std::filesystem::path(testing::TempDir()) / (std::string("dfr_") + test->name());
+    path_ = dfr::test::ProcessFolder() / (std::string("dfr_") + test->name());
   }
   void TearDown() override { std::filesystem::remove(path_); }
   std::filesystem::path path_;
