@@ -270,17 +270,19 @@ TEST(AbsoluteActionsTest, EarlierActionsInTheStateAreNotPositions) {
   }
 }
 
-// A gripper moves no entry of the state. Only the observation of the whole action shows that its
-// entry is a copy.
-TEST(AbsoluteActionsTest, AGripperWithinTheLastActionIsNotAPosition) {
+// A third action moves no entry of the state. Only the observation of the whole action shows that
+// its entry is a copy.
+TEST(AbsoluteActionsTest, AnEntryWithinTheLastActionIsNotAPosition) {
   auto set = Late(1);
+  Random random(4);
   for (Trajectory& episode : set) {
     const Matrix before = episode.states;  // the position, then the last action
     const Eigen::Index steps = episode.controls.rows();
     Matrix controls(steps, 3);
     Matrix states = Matrix::Zero(steps + 1, 5);
     for (Eigen::Index t = 0; t < steps; ++t) {
-      controls.row(t) << episode.controls.row(t), t < steps / 2 ? 1.0 : -1.0;
+      const double width = (t < steps / 2 ? 1.0 : -1.0) + 0.01 * random.Normal();
+      controls.row(t) << episode.controls.row(t), width;
       states.row(t + 1).head(3) = controls.row(t);
     }
     states.rightCols(2) = before.leftCols(2);
@@ -292,6 +294,56 @@ TEST(AbsoluteActionsTest, AGripperWithinTheLastActionIsNotAPosition) {
   const auto found = FindAbsoluteActions(set);
   ASSERT_EQ(found.size(), 1U);
   EXPECT_EQ(found[0].action, 2);
+}
+
+// Appends a gripper that closes to `closed` once. The state follows at `rate` per step.
+void AddGripper(double closed, double rate, std::vector<Trajectory>& set) {
+  for (std::size_t i = 0; i < set.size(); ++i) {
+    Trajectory& episode = set[i];
+    const Eigen::Index n = episode.states.cols();
+    const Eigen::Index m = episode.controls.cols();
+    episode.states.conservativeResize(Eigen::NoChange, n + 1);
+    episode.controls.conservativeResize(Eigen::NoChange, m + 1);
+    episode.states(0, n) = 0.0;
+    const auto closes = static_cast<Eigen::Index>(20 + i);
+    for (Eigen::Index t = 0; t < episode.controls.rows(); ++t) {
+      episode.controls(t, m) = t < closes ? 0.0 : closed;
+      const bool follows = t > closes;  // one step late
+      episode.states(t + 1, n) =
+          follows ? std::min(closed, episode.states(t, n) + rate) : episode.states(t, n);
+    }
+  }
+}
+
+TEST(AbsoluteActionsTest, AGripperIsNotAPosition) {
+  for (const double rate : {1.0, 0.25}) {
+    auto velocities = RollOut(Velocities(1.0));
+    AddGripper(1.0, rate, velocities);
+    EXPECT_TRUE(FindAbsoluteActions(velocities).empty()) << rate;
+    auto targets = RollOut(Targets(0.5));
+    AddGripper(1.0, rate, targets);
+    EXPECT_EQ(FindAbsoluteActions(targets).size(), 2U) << rate;
+  }
+  // Keys move the robot in fixed steps.
+  auto keys = RollOut({.act = [](const auto& x, const auto& goal, Random&, auto& u, auto& next) {
+    for (Eigen::Index i = 0; i < 2; ++i) {
+      const double off = goal[i] - x[i];
+      u[i] = std::abs(off) < 0.05 ? 0.0 : std::copysign(0.1, off);
+    }
+    next = x + u;
+  }});
+  AddGripper(1.0, 1.0, keys);
+  EXPECT_TRUE(FindAbsoluteActions(keys).empty());
+  // A robot that has only a gripper.
+  for (Trajectory& episode : keys) {
+    episode.controls = Matrix(episode.controls.rightCols(1));
+    episode.states = Matrix(episode.states.rightCols(1));
+  }
+  EXPECT_TRUE(FindAbsoluteActions(keys).empty());
+  // An axis with two targets.
+  std::vector<Trajectory> axis(20, {.states = Matrix(61, 0), .controls = Matrix(60, 0)});
+  AddGripper(1.0, 0.25, axis);
+  EXPECT_EQ(FindAbsoluteActions(axis).size(), 1U);
 }
 
 // The joints reach their targets exactly. The state also has the joints of the step before, and

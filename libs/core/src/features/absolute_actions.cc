@@ -41,6 +41,7 @@ ActionAnalysis::ActionAnalysis(int state_dim, int control_dim)
       steps_(Eigen::VectorXd::Zero(n_)),
       deviations_(Eigen::MatrixXd::Zero((kMostLag + 1) * m_, n_)),
       largest_(Eigen::VectorXd::Zero(m_)),
+      values_(static_cast<std::size_t>(m_ + n_)),
       history_(Eigen::VectorXd::Zero((kMostLag + 2) * m_)),
       history_products_(Eigen::MatrixXd::Zero(history_.size(), history_.size())),
       history_changes_(Eigen::MatrixXd::Zero(history_.size(), n_)),
@@ -63,7 +64,24 @@ void ActionAnalysis::Add(const Trajectory& episode) {
   steps_ += now.cwiseProduct(next).colwise().sum().transpose();
   count_ += static_cast<double>(steps);
   angles_.Add(episode.states);
+  AddValues(episode.controls, 0);
+  AddValues(episode.states, static_cast<std::size_t>(m_));
   AddHistory(episode);
+}
+
+void ActionAnalysis::AddValues(const Matrix& rows, std::size_t first) {
+  for (Eigen::Index k = 0; k < rows.cols(); ++k) {
+    std::vector<double>& values = values_[first + static_cast<std::size_t>(k)];
+    for (Eigen::Index t = 0; t < rows.rows() && values.size() <= kMostFew; ++t) {
+      if (std::ranges::find(values, rows(t, k)) == values.end()) values.push_back(rows(t, k));
+    }
+  }
+}
+
+bool ActionAnalysis::HasFewValues(std::size_t i) const {
+  constexpr double kLeastRepeated = 5.0;
+  return values_[i].size() <= kMostFew &&
+         kLeastRepeated * static_cast<double>(values_[i].size()) <= count_;
 }
 
 void ActionAnalysis::AddHistory(const Trajectory& episode) {
@@ -196,11 +214,17 @@ std::vector<AbsoluteAction> ActionAnalysis::Absolute() const {
   const Eigen::VectorXd mean_x = sum_ / count_;
   const Eigen::VectorXd variance = squares_ / count_ - mean_x.cwiseAbs2();
   const std::vector<bool> past = FindPastActions();
+  bool all_few = true;
+  for (std::size_t k = 0; k < static_cast<std::size_t>(m_); ++k) {
+    all_few = all_few && HasFewValues(k);
+  }
   std::vector<AbsoluteAction> found;
   for (Eigen::Index k = 0; k < m_; ++k) {
     const double square_u = action_products_(k, k) / count_;
     const double var_u = square_u - mean_u[k] * mean_u[k];
     if (!(var_u > 1e-12 * square_u)) continue;  // constant
+    const bool few = HasFewValues(static_cast<std::size_t>(k));
+    if (few && !all_few) continue;
     const auto with = [&](Eigen::Index x) {
       return products_(k, x) / count_ - mean_u[k] * mean_x[x];
     };
@@ -208,6 +232,7 @@ std::vector<AbsoluteAction> ActionAnalysis::Absolute() const {
     double best_distance = 0.0;
     for (Eigen::Index j = 0; j < n_; ++j) {
       if (past[static_cast<std::size_t>(j)]) continue;
+      if (few && HasFewValues(static_cast<std::size_t>(m_ + j))) continue;
       const Eigen::Index now = j;
       const Eigen::Index next = n_ + j;
       AbsoluteAction match{.action = static_cast<int>(k), .state = static_cast<int>(j)};

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstddef>
 #include <span>
 #include <string>
 #include <vector>
@@ -30,6 +31,9 @@ struct AbsoluteAction {
 /// actions themselves explain at least 80 % of the changes of an unmatched state entry, the actions
 /// are velocities, and x_j is a measured velocity or a copy of the last action.
 ///
+/// An action entry with few values, such as a gripper that opens or closes, is a target only if all
+/// entries of actions have few values, and x_j has more. Flags in the state have few values.
+///
 /// A state entry x_j counts as a copy of a recent action, not as a position, if two conditions
 /// hold. First, x_j(t + 1) equals u_k(t - i) at every step, for an i up to 3. This also holds for a
 /// position that follows its target perfectly. Second, u_k moves another entry, which repeats no
@@ -53,8 +57,12 @@ class ActionAnalysis {
 
  private:
   static constexpr Eigen::Index kMostLag = 3;
+  static constexpr std::size_t kMostFew = 4;
   [[nodiscard]] bool MovesUnmatchedEntry(const std::vector<AbsoluteAction>& candidates) const;
   void AddHistory(const Trajectory& episode);
+  void AddValues(const Matrix& rows, std::size_t first);
+  /// Returns true if values_[i] are few, each repeated several times on average.
+  [[nodiscard]] bool HasFewValues(std::size_t i) const;
   /// Returns true for state entries that repeat an action which moves another entry.
   [[nodiscard]] std::vector<bool> FindPastActions() const;
   /// Takes, for each state entry, the variance of its change that the other action entries leave
@@ -79,6 +87,8 @@ class ActionAnalysis {
   // One block of m rows for each lag i: the largest |x_j(t + 1) - u_k(t - i)| over all steps.
   Eigen::MatrixXd deviations_;
   Eigen::VectorXd largest_;  // Largest |u_k|.
+  // At most kMostFew + 1 different values of each entry of u(t), then of each entry of x(t).
+  std::vector<std::vector<double>> values_;
   // Sums of h, h h', h dx', dx and the squares of dx over the steps from kMostLag + 1 on, with
   // h = [u(t); ...; u(t - kMostLag - 1)] and dx = x(t + 1) - x(t).
   double history_count_ = 0.0;
