@@ -39,6 +39,30 @@ class LedgerReaderTest : public testing::Test {
   std::filesystem::path ledger = folder / "ledger.jsonl";
 };
 
+// A build outside a git repository cannot detect that the code has changed since the run began.
+TEST_F(LedgerReaderTest, ABuildOfUnknownCommitIsReportedWhenItResumes) {
+  const EvaluationPlan plan = FakePlan();
+  (void)Evaluate(plan, MakeFakeTrialRunner, {.threads = 1, .ledger = ledger});
+  const LedgerContents contents = ReadLedger(ledger);
+  for (const char* commit : {"unknown", "0123abc"}) {
+    const std::filesystem::path path = folder / commit;
+    const LedgerHeader header{plan, {}, commit, {}};
+    std::vector<std::string> notices;
+    EvaluationOptions options;
+    options.notice = [&](const std::string& text) { notices.push_back(text); };
+    internal::LedgerWriter(path, header, options).Append(contents.records[0]);
+    EXPECT_TRUE(notices.empty()) << notices[0];
+    EXPECT_EQ(internal::LedgerWriter(path, header, options).finished().size(), 1U);
+    if (std::string(commit) == "unknown") {
+      EXPECT_THAT(notices, testing::ElementsAre(AllOf(HasSubstr(path.string() + ": "),
+                                                      HasSubstr("knows its commit"),
+                                                      HasSubstr("start over with --restart"))));
+    } else {
+      EXPECT_TRUE(notices.empty()) << notices[0];
+    }
+  }
+}
+
 // A runner whose real numbers are scaled, as by the rounding of another instruction set.
 class ScaledRunner final : public TrialRunner {
  public:

@@ -17,6 +17,9 @@
 namespace dfr::experiment::internal {
 namespace {
 
+// BuildCommit() of a build outside a git repository.
+constexpr std::string_view kUnknownCommit = "unknown";
+
 void WriteAll(int file, std::string_view bytes) {
   while (!bytes.empty()) {
     const ssize_t written = write(file, bytes.data(), bytes.size());
@@ -106,6 +109,11 @@ LedgerWriter::LedgerWriter(const std::filesystem::path& path, const LedgerHeader
     }
   });
   size_ = complete;
+  if (header.commit == kUnknownCommit && !finished_.empty()) {
+    notice(
+        "neither the build that wrote these units nor this build knows its commit, so a change of "
+        "the code would go unnoticed. If the code has changed, start over with --restart");
+  }
   if (complete < text.size()) {
     notice(
         "the last line is incomplete and is dropped: its writer was killed. Its unit runs again");

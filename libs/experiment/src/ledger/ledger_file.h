@@ -41,7 +41,8 @@ class LedgerWriter {
  public:
   /// Opens or creates the file; the first line is written with the first unit. Removes an
   /// incomplete last line, which a killed run leaves. With options.salvage, moves damaged lines to
-  /// <path>.dropped. Reports both to options.notice.
+  /// <path>.dropped. Reports both to options.notice, and finished units of a build that, like this
+  /// one, does not know its commit.
   /// @throws std::runtime_error as Evaluate().
   LedgerWriter(const std::filesystem::path& path, const LedgerHeader& header,
                const EvaluationOptions& options);

@@ -149,7 +149,9 @@ struct EvaluationOptions {
   /// must match the ledger. Write numbers with Exactly(), and input files with HashOfFile().
   std::map<std::string, std::string> settings = {};
   bool salvage = false;  ///< Drops damaged lines of the ledger and repeats their units.
-  std::function<void(const std::string&)> notice = {};  ///< Reports dropped lines. May be empty.
+  /// Reports dropped lines, and the resumption of a run by a build whose commit is unknown. May be
+  /// empty.
+  std::function<void(const std::string&)> notice = {};
   /// Progress, counted in episodes. May be empty.
   ProgressCallback progress = {};
   /// Once true, running units finish and no new unit starts. May be nullptr.
