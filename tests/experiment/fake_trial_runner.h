@@ -13,6 +13,7 @@
 
 #include "dfr/core/random.h"
 #include "dfr/experiment/paired_evaluation.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::test {
 
@@ -83,7 +84,7 @@ inline std::string Read(const std::filesystem::path& path) {
 
 /// Returns an empty folder for the running test.
 inline std::filesystem::path EmptyFolder(const std::string& name) {
-  std::filesystem::path path = std::filesystem::path(testing::TempDir()) / ("dfr_" + name);
+  std::filesystem::path path = dfr::test::ProcessFolder() / ("dfr_" + name);
   std::filesystem::remove_all(path);
   std::filesystem::create_directories(path);
   return path;
