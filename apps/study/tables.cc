@@ -11,6 +11,7 @@
 #include "apps/study/runner.h"
 #include "apps/study/totals.h"
 #include "dfr/core/files/atomic_file.h"
+#include "dfr/core/numerics/quantile.h"
 #include "dfr/core/text/format.h"
 #include "dfr/experiment/episodes.h"
 #include "dfr/experiment/intervals.h"
@@ -216,14 +217,10 @@ experiment::ReportTable MeansTable(const std::vector<Row>& rows,
 // "12.3 (8, 30)": mean, median and 90 % quantile.
 std::string Lengths(std::vector<int> lengths) {
   if (lengths.empty()) return "";
-  std::ranges::sort(lengths);
   double sum = 0.0;
   for (const int length : lengths) sum += length;
-  const auto quantile = [&](double q) {
-    return lengths[static_cast<std::size_t>(q * static_cast<double>(lengths.size() - 1))];
-  };
-  return core::Format("%.1f (%d, %d)", sum / static_cast<double>(lengths.size()), quantile(0.5),
-                      quantile(0.9));
+  return core::Format("%.1f (%d, %d)", sum / static_cast<double>(lengths.size()),
+                      core::Quantile(lengths, 0.5), core::Quantile(lengths, 0.9));
 }
 
 }  // namespace

@@ -18,6 +18,7 @@
 #include "apps/study/planar/proof.h"
 #include "dfr/control/certified/certifier.h"
 #include "dfr/core/numerics/linear_algebra.h"
+#include "dfr/core/numerics/quantile.h"
 #include "dfr/core/random.h"
 #include "dfr/core/text/format.h"
 #include "dfr/experiment/intervals.h"
@@ -182,8 +183,6 @@ void PrintCertificate(const PlanarStudy& study) {
       radius.push_back(std::max(0.0, ball.radius));
     }
     if (radius.empty()) continue;
-    std::nth_element(radius.begin(),
-                     radius.begin() + static_cast<std::ptrdiff_t>(radius.size() / 2), radius.end());
     // Clearance in the unit of the state, in the direction in which it is largest.
     const Eigen::MatrixXd inverse = core::PseudoInverse(support.map(t) * features.scale());
     const double clearance =
@@ -191,7 +190,7 @@ void PrintCertificate(const PlanarStudy& study) {
     const std::optional<double> kept = ClearanceKept(task, methods, t);
     compared += kept ? 1 : 0;
     met += kept && *kept >= clearance ? 1 : 0;
-    std::printf("%4d %9.4f %12.4g %12s %32.1f\n", t, radius[radius.size() / 2], clearance,
+    std::printf("%4d %9.4f %12.4g %12s %32.1f\n", t, core::Median(radius), clearance,
                 kept ? core::Format("%.4g", *kept).c_str() : "-",
                 CountPassing(methods, t).percent());
   }
