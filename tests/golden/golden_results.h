@@ -2,7 +2,6 @@
 #pragma once
 
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <cstdint>
 #include <filesystem>
@@ -24,6 +23,7 @@
 #include "dfr/safety/method.h"
 #include "dfr/sim/gallery/gallery.h"
 #include "gaussian/gaussian_sum.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::test {
 
@@ -126,9 +126,8 @@ inline void Pusher(const std::filesystem::path& folder, int episodes, Golden& go
 
 /// Returns results of `episodes` episodes of each strategy. Target 0: the machine's best.
 inline Golden ResultsWith(std::int64_t target, int episodes) {
-  const std::filesystem::path folder =
-      std::filesystem::path(testing::TempDir()) / ("dfr_golden_" + std::to_string(getpid()));
-  std::filesystem::create_directories(folder);
+  const TempFolder created;
+  const std::filesystem::path& folder = created.path;
   kernel::internal::ForceTarget(target);
   Golden golden;
   golden.hashes["fits"] = Fits(folder);
@@ -136,7 +135,6 @@ inline Golden ResultsWith(std::int64_t target, int episodes) {
   Gallery(folder, episodes, golden);
   Pusher(folder, episodes, golden);
   kernel::internal::ForceTarget(0);
-  std::filesystem::remove_all(folder);
   return golden;
 }
 

@@ -8,6 +8,7 @@
 
 #include "supervisor/train_supervisor.h"
 #include "tests/pusher/supervisor_episodes.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::apps::pusher {
 namespace {
@@ -31,8 +32,7 @@ std::string Bytes(const std::filesystem::path& path) {
 
 // Takes seconds: each training ends with an evaluation over a thousand episodes.
 TEST(TrainSupervisorTest, ResumesFromACheckpointBitForBit) {
-  const std::filesystem::path folder =
-      std::filesystem::path(testing::TempDir()) / "dfr_train_supervisor_system";
+  const std::filesystem::path folder = dfr::test::ProcessFolder() / "dfr_train_supervisor_system";
   std::filesystem::remove_all(folder);
   std::filesystem::create_directories(folder);
   // One iteration has about 5000 controls, two about 9000: too few for a good supervisor.

@@ -6,6 +6,7 @@
 
 #include "supervisor/train_supervisor.h"
 #include "tests/pusher/supervisor_episodes.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::apps::pusher {
 namespace {
@@ -24,7 +25,7 @@ TEST(ShippedSupervisorTest, CompletesWithItsMeanAndItsSamples) {
 
 TEST(TrainSupervisorTest, MistakesAreNamed) {
   TrainSupervisorOptions options;
-  options.out = std::filesystem::path(testing::TempDir()) / "none.dfr";
+  options.out = dfr::test::ProcessFolder() / "none.dfr";
   options.resume = true;
   EXPECT_THAT([&] { TrainSupervisor(options); }, testing::ThrowsMessage<std::runtime_error>(
                                                      testing::HasSubstr("none.dfr.checkpoint")));

@@ -18,6 +18,7 @@
 #include "dfr/safety/guard_model.h"
 #include "tests/safety/corridor.h"
 #include "tests/support/no_alloc.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::safety {
 namespace {
@@ -47,7 +48,7 @@ class CGuardTest : public testing::Test {
                             safe_.data(), &verdict_);
   }
 
-  inline static const std::string file_ = testing::TempDir() + "c_guard_test.guard";
+  inline static const std::string file_ = dfr::test::ProcessFolder() / "c_guard_test.guard";
   dfr_guard* guard_ = nullptr;
   std::vector<double> state_;
   std::vector<double> action_;

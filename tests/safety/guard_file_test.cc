@@ -19,6 +19,7 @@
 #include "tests/safety/corridor.h"
 #include "tests/safety/damaged.h"
 #include "tests/support/message_of.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::safety {
 namespace {
@@ -28,7 +29,7 @@ using testing::HasSubstr;
 class GuardFileTest : public testing::Test {
  protected:
   GuardFileTest()
-      : path_(std::filesystem::path(testing::TempDir()) /
+      : path_(dfr::test::ProcessFolder() /
               (std::string(testing::UnitTest::GetInstance()->current_test_info()->name()) +
                ".guard")) {}
   ~GuardFileTest() override { std::filesystem::remove(path_); }

@@ -23,6 +23,7 @@
 #include "tests/safety/corridor_guard.h"
 #include "tests/safety/damaged.h"
 #include "tests/support/message_of.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::safety {
 namespace {
@@ -61,7 +62,7 @@ TaskModel Fit(bool published) {
 class TaskModelTest : public testing::Test {
  protected:
   TaskModelTest()
-      : folder_(std::filesystem::path(testing::TempDir()) /
+      : folder_(dfr::test::ProcessFolder() /
                 (std::string("task_model_") +
                  testing::UnitTest::GetInstance()->current_test_info()->name())) {}
   ~TaskModelTest() override { std::filesystem::remove_all(folder_); }

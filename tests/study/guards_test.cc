@@ -1,6 +1,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <filesystem>
 #include <fstream>
@@ -18,6 +19,7 @@
 #include "dfr/experiment/intervals.h"
 #include "tests/experiment/fake_trial_runner.h"
 #include "tests/support/message_of.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::study {
 namespace {
@@ -295,7 +297,7 @@ TEST(RerunTest, AFilmOfATaskWithoutPicturesIsRefusedBeforeAnEpisodeRuns) {
 
 TEST(SavePictureTest, HasAPlotForTheDemonstrationsAndEachMethod) {
   const sim::GalleryTask& task = sim::FindGalleryTask("push");
-  const auto path = std::filesystem::path(testing::TempDir()) / "guards_test.html";
+  const auto path = dfr::test::ProcessFolder() / "guards_test.html";
   const std::vector<experiment::FilmedEpisode> recordings = {
       {.method = "demonstrations",
        .result = {.outcome = core::Outcome::kCompleted, .cause = {}},

@@ -46,6 +46,12 @@ class Tiers(unittest.TestCase):
             with self.subTest(name):
                 self.assertEqual(CLOCKS.findall(path.read_text()), [])
 
+    def test_no_two_processes_share_a_file_by_its_name(self):
+        for path in sorted((SOURCE / "tests").rglob("*")):
+            if path.suffix in (".cc", ".h"):
+                with self.subTest(path.relative_to(SOURCE).as_posix()):
+                    self.assertNotIn("testing::TempDir()", path.read_text(), "use ProcessFolder() of temp_folder.h")
+
     def test_no_folder_has_more_than_15_files_and_no_source_more_than_450_lines(self):
         git = ["git", "ls-files", "apps", "bench", "hardware", "libs", "python", "sim", "tests"]
         listed = subprocess.run(git, cwd=SOURCE, capture_output=True, text=True) if shutil.which("git") else None

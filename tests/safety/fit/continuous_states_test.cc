@@ -21,6 +21,7 @@
 #include "tests/safety/corridor_guard.h"
 #include "tests/support/message_of.h"
 #include "tests/support/no_alloc.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::safety {
 namespace {
@@ -336,7 +337,7 @@ TEST(ContinuousStatesTest, RotationsThatJumpCauseAWarning) {
 }
 
 TEST(ContinuousStatesTest, AFileKeepsRotationsAndWarnings) {
-  const auto path = std::filesystem::path(testing::TempDir()) / "continuous_states.guard";
+  const auto path = dfr::test::ProcessFolder() / "continuous_states.guard";
   const core::Matrix turned = Turning(Flipped, 2, 1, 0.3)[0].states;
   const core::Matrix revolved = Turning(Wrapped, 2, 1, 0.3, 0.7)[0].states;
   for (const auto& [model, states] :
@@ -351,7 +352,7 @@ TEST(ContinuousStatesTest, AFileKeepsRotationsAndWarnings) {
 
 // A tool that points down: its roll is pi or -pi, and its quaternion has either sign.
 TEST(ContinuousStatesTest, AFileKeepsOneOrientationInTwoNotations) {
-  const auto path = std::filesystem::path(testing::TempDir()) / "constant_rotation.guard";
+  const auto path = dfr::test::ProcessFolder() / "constant_rotation.guard";
   const auto roll = [](double, core::Random& random) {
     return std::vector{random.Uniform() < 0.5 ? kPi : -kPi};
   };

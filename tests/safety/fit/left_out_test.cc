@@ -14,6 +14,7 @@
 #include "tests/safety/corridor.h"
 #include "tests/safety/corridor_guard.h"
 #include "tests/support/message_of.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::safety {
 namespace {
@@ -240,7 +241,7 @@ TEST(LeftOutTest, AFeatureThatOnlyUnsteeredEntriesMoveIsOmittedAndNamed) {
 // At the same place and time, demonstrators move back with a closed gripper and forward with an
 // open one.
 TEST(LeftOutTest, AnOmittedFeatureDistinguishesDemonstrations) {
-  const auto path = std::filesystem::path(testing::TempDir()) / "context.guard";
+  const auto path = dfr::test::ProcessFolder() / "context.guard";
   const auto fitted =
       GuardModel::Fit(GrippingLayout(), Gripping(40, true), {.strategy = Strategy::kController});
   fitted->Save(path);

@@ -18,6 +18,7 @@
 #include "dfr/safety/guard_model.h"
 #include "tests/safety/corridor.h"
 #include "tests/safety/corridor_guard.h"
+#include "tests/support/temp_folder.h"
 
 // Columns of a state that a fit finds to be constants, copies, clocks or sensors.
 namespace dfr::safety {
@@ -89,8 +90,7 @@ TEST(StateColumnsTest, AConstantThatChangesHaltsWithItsReason) {
   };
   const auto demonstrations = test::CorridorDemonstrations(3, 30);
   const auto fitted = GuardModel::Fit(LayoutWith(2), WithColumns(demonstrations, columns(200.0)));
-  const std::filesystem::path path =
-      std::filesystem::path(testing::TempDir()) / "constant_columns_test.guard";
+  const std::filesystem::path path = dfr::test::ProcessFolder() / "constant_columns_test.guard";
   fitted->Save(path);
   const auto model = GuardModel::Load(path);
   std::filesystem::remove(path);

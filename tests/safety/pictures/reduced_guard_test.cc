@@ -18,6 +18,7 @@
 #include "tests/safety/corridor_guard.h"
 #include "tests/safety/pictures/picture_corridor.h"
 #include "tests/support/no_alloc.h"
+#include "tests/support/temp_folder.h"
 
 namespace dfr::safety {
 namespace {
@@ -66,8 +67,7 @@ TEST(ReducedGuardTest, TheSummaryScoresEachNumberOfComponents) {
 }
 
 TEST(ReducedGuardTest, AFileKeepsTheReduction) {
-  const std::filesystem::path path =
-      std::filesystem::path(testing::TempDir()) / "reduced_guard_test.guard";
+  const std::filesystem::path path = dfr::test::ProcessFolder() / "reduced_guard_test.guard";
   PictureModel()->Save(path);
   Guard read = Guard::Load(path);
   std::filesystem::remove(path);
@@ -212,8 +212,7 @@ TEST(ReducedGuardTest, AFrozenPictureHaltsWithItsReasonAfterTheStandstillMargin)
 }
 
 TEST(ReducedGuardTest, AMonitorRaisesAnAlarmWhileAPictureIsFrozenAndTheRobotMoves) {
-  const std::filesystem::path path =
-      std::filesystem::path(testing::TempDir()) / "frozen_picture_test.guard";
+  const std::filesystem::path path = dfr::test::ProcessFolder() / "frozen_picture_test.guard";
   test::As(Strategy::kMonitor, PictureModel())->Save(path);
   Guard monitor = Guard::Load(path);
   std::filesystem::remove(path);
