@@ -1,5 +1,6 @@
 // Arbitrary poses and waves: the firmware decodes an encoded pose in reach to the reported value.
 // Other poses and waves are rejected.
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdlib>

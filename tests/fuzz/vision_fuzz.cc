@@ -1,4 +1,5 @@
 // Arbitrary pictures: detected features have finite numbers, and missing features have a reason.
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <vector>

@@ -1,5 +1,6 @@
 #include "dfr/sim/dvrk_scene/dvrk_scene_server.h"
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <cmath>

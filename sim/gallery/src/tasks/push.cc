@@ -1,3 +1,5 @@
+#include <algorithm>
+
 #include "geometry.h"
 #include "tasks/tasks.h"
 
