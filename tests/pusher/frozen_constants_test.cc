@@ -121,7 +121,7 @@ std::map<std::string, double> InTheCode() {
           {"fit::kLeftVariance", safety::fit::kLeftVariance},
           {"fit::kLeastInside", safety::fit::kLeastInside},
           {"fit::kLeastInsideReduced", safety::fit::kLeastInsideReduced},
-          {"fit::kMostChangedReduced", safety::fit::kMostChangedReduced},
+          {"fit::kMostBelowPassReduced", safety::fit::kMostBelowPassReduced},
           {"fit::kFeaturesOfGamma", safety::fit::kFeaturesOfGamma},
           {"fit::kMostByActions", safety::fit::kMostByActions},
           {"fit::kMostOutsideReduced", safety::fit::kMostOutsideReduced},

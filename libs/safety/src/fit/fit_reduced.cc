@@ -167,7 +167,7 @@ class Components {
 
 bool Suffices(const GuardSummary& summary) {
   return summary.acceptance >= fit::kLeastInsideReduced &&
-         summary.below_pass <= fit::kMostChangedReduced;
+         summary.below_pass <= fit::kMostBelowPassReduced;
 }
 
 }  // namespace
@@ -201,8 +201,9 @@ std::shared_ptr<GuardModel> GuardModel::FitReduced(const core::StateLayout& layo
     model->reduction_ = reduction;
     if (open) open->Describe(candidates[i], model->summary_);
     const bool good = Suffices(model->summary_);
-    if (good || !best || model->summary_.below_pass < best->summary_.below_pass)
+    if (good || !best || model->summary_.below_pass < best->summary_.below_pass) {
       best = std::move(model);
+    }
     if (good) break;
   }
   const GuardSummary& summary = best->summary_;
@@ -222,7 +223,7 @@ std::shared_ptr<GuardModel> GuardModel::FitReduced(const core::StateLayout& layo
           "fit anyway, use --accept-any or accept_any=True",
           best->task().features().selection().num_features(), 100.0 * summary.acceptance,
           100.0 * summary.below_pass, 100.0 * fit::kLeastInsideReduced,
-          100.0 * fit::kMostChangedReduced,
+          100.0 * fit::kMostBelowPassReduced,
           open ? "" : ", or let the fit choose the number of components"));
 }
 

@@ -52,7 +52,7 @@ inline constexpr double kLeastInside = 0.2;
 /// the largest GuardSummary::below_pass. For pictures that need 20 components, guards
 /// with 3 and 6 components reduced a policy's completions from 97.5 % to 50 % and 75 %.
 inline constexpr double kLeastInsideReduced = 0.85;
-inline constexpr double kMostChangedReduced = 0.2;
+inline constexpr double kMostBelowPassReduced = 0.2;
 /// Number of features up to which a fit keeps gamma. The squared distance between demonstrations
 /// grows with the number of whitened features, so gamma decreases beyond this number.
 inline constexpr double kFeaturesOfGamma = 3.0;
