@@ -152,80 +152,33 @@ std::string DescribeRepeated(const GuardModel& model,
          ". They count twice: keep one feature of each pair";
 }
 
-// Returns the residuals of each column of y after a linear regression on the columns of x.
-Eigen::VectorXd Residuals(const Eigen::MatrixXd& x, const Eigen::MatrixXd& y) {
-  return (y - x * core::SolveLeastSquares(x, y)).colwise().squaredNorm();
-}
-
-// Describes the delay between actions and their effect; "" if there is none. There is a delay if an
-// action of another step explains more than the recorded action does. Only feature changes that
-// the state does not determine count.
-std::string DescribeDelay(const GuardModel& model,
-                          std::span<const core::Trajectory> demonstrations) {
-  constexpr Eigen::Index kMostLag = 3;
-  constexpr Eigen::Index kSamples = 3000;
-  constexpr Eigen::Index kRowsPerColumn = 5;
-  constexpr double kDetermined = 1e-6;  // Negligible fraction of the squared changes.
-  const Eigen::Index n = model.task().features().num_features();
-  const Eigen::Index m = demonstrations[0].controls.cols();
-  Eigen::Index transitions = 0;
-  const auto count = [](const core::Trajectory& d) {
-    return std::max<Eigen::Index>(0, d.controls.rows() - 1 - kMostLag);
-  };
-  for (const core::Trajectory& d : demonstrations) transitions += count(d);
-  const Eigen::Index stride = std::max<Eigen::Index>(1, transitions / kSamples);
-  const Eigen::Index rows = (transitions + stride - 1) / stride;
-  if (rows < kRowsPerColumn * (1 + n + m)) return "";
-  Eigen::MatrixXd x = Eigen::MatrixXd::Ones(rows, 1 + n + m);
-  Eigen::MatrixXd change(rows, n);
-  std::vector<Eigen::MatrixXd> actions(2 + kMostLag, Eigen::MatrixXd(rows, m));
-  Eigen::Index sample = 0;
-  Eigen::Index row = 0;
+// Returns the map of features that removes entries with one or two repeated values, such as flags.
+// Actions do not move such entries gradually.
+Eigen::MatrixXd WithoutFlags(const core::FeatureTransform& features,
+                             std::span<const core::Trajectory> demonstrations) {
+  constexpr std::size_t kMostValues = 2;
+  constexpr Eigen::Index kFewestStates = 10;
+  const core::FeatureSelection& selection = features.selection();
+  std::vector<std::vector<double>> values(static_cast<std::size_t>(selection.num_features()));
+  Eigen::Index states = 0;
   for (const core::Trajectory& d : demonstrations) {
-    if (count(d) == 0) continue;
-    const core::Matrix points = model.task().features().Apply(d.states);
-    for (Eigen::Index t = kMostLag; t + 1 < d.controls.rows(); ++t, ++sample) {
-      if (sample % stride != 0) continue;
-      x.row(row).segment(1, n) = points.row(t);
-      change.row(row) = points.row(t + 1) - points.row(t);
-      for (Eigen::Index i = 0; i < std::ssize(actions); ++i) {
-        actions[static_cast<std::size_t>(i)].row(row) = d.controls.row(t + 1 - i);
+    states += d.states.rows();
+    const core::Matrix entries = selection.Apply(d.states);
+    for (std::size_t k = 0; k < values.size(); ++k) {
+      for (const double x : entries.col(static_cast<Eigen::Index>(k))) {
+        if (values[k].size() > kMostValues) break;
+        if (std::ranges::find(values[k], x) == values[k].end()) values[k].push_back(x);
       }
-      ++row;
     }
   }
-  const Eigen::VectorXd open = Residuals(x.leftCols(1 + n), change);
-  std::vector<Eigen::VectorXd> explained;
-  explained.reserve(actions.size());
-  for (const Eigen::MatrixXd& u : actions) {
-    x.rightCols(m) = u;
-    explained.emplace_back(1.0 - (Residuals(x, change).array() / open.array()));
+  const Eigen::Index n = features.num_features();
+  Eigen::VectorXd kept(selection.num_features());
+  for (std::size_t k = 0; k < values.size(); ++k) {
+    kept[static_cast<Eigen::Index>(k)] = values[k].size() > kMostValues ? 1.0 : 0.0;
   }
-  double best_gain = fit::kLagGain;
-  std::size_t best = 1;
-  Eigen::Index feature = 0;
-  for (std::size_t i = 0; i < explained.size(); ++i) {
-    for (Eigen::Index k = 0; k < n; ++k) {
-      const double gain = explained[i][k] - explained[1][k];
-      if (open[k] <= kDetermined * change.col(k).squaredNorm() || !(gain > best_gain)) continue;
-      best_gain = gain;
-      best = i;
-      feature = k;
-    }
-  }
-  if (best == 1) return "";
-  const int later = static_cast<int>(best) - 1;
-  const std::string shares =
-      core::Format(" (%.0f %% explained; %.0f %% by the action of the same step)",
-                   100.0 * explained[best][feature], 100.0 * std::max(0.0, explained[1][feature]));
-  if (later < 0) {
-    return "the change of a state is explained by the action recorded one step later" + shares +
-           ": actions and states are out of step, see guard check";
-  }
-  return core::Format("actions take effect %d step%s later", later, later == 1 ? "" : "s") +
-         shares +
-         (later == 1 ? ": add the last action" : core::Format(": add the last %d actions", later)) +
-         " to the states, or pair each state with the action that moves it";
+  if (kept.minCoeff() > 0.0 || states < kFewestStates) return Eigen::MatrixXd::Identity(n, n);
+  const Eigen::MatrixXd scale = features.scale();
+  return scale * kept.asDiagonal() * core::PseudoInverse(scale);
 }
 
 struct Changes {
@@ -233,10 +186,10 @@ struct Changes {
   double noise = 0.0;
 };
 
-// Returns the fraction of the squared changes of features that the demonstrated response and the
-// drift explain, over some hundred demonstrated transitions, and the fraction of the rest that is
-// sensor noise. Noise of variance s adds 2 s to the squares, and its return in the next step adds
-// -s to the products of consecutive errors.
+// Returns the fraction of the squared changes of features, WithoutFlags(), that the demonstrated
+// response and the drift explain, over some hundred demonstrated transitions, and the fraction of
+// the rest that is sensor noise. Noise of variance s adds 2 s to the squares, and its return in the
+// next step adds -s to the products of consecutive errors.
 Changes JudgeChanges(const GuardModel& model, std::span<const core::Trajectory> demonstrations) {
   constexpr std::size_t kSamples = 400;
   const control::Response& response = model.task().response();
@@ -250,19 +203,20 @@ Changes JudgeChanges(const GuardModel& model, std::span<const core::Trajectory> 
   Eigen::VectorXd returns = missed;
   std::size_t i = 0;
   Eigen::VectorXd v(model.actions().steered_dim());
+  const Eigen::MatrixXd judged = WithoutFlags(model.task().features(), demonstrations);
   const auto error = [&](const core::Trajectory& d, const core::Matrix& points, Eigen::Index t) {
     model.actions().Measure(core::Row(d.controls, t), core::AsSpan(v));
     v /= response.control_unit();
     Eigen::VectorXd expected = points.row(t).transpose();
     estimate.FitAt(static_cast<int>(t), core::Row(points, t), answer);
     answer.AddEffect(v, expected);
-    return Eigen::VectorXd(points.row(t + 1).transpose() - expected);
+    return Eigen::VectorXd(judged * (points.row(t + 1).transpose() - expected));
   };
   for (const auto& d : demonstrations) {
     const core::Matrix points = model.task().features().Apply(d.states);
     for (Eigen::Index t = 0; t < d.controls.rows(); ++t, ++i) {
       if (i % stride != 0) continue;
-      squares += (points.row(t + 1) - points.row(t)).squaredNorm();
+      squares += (judged * (points.row(t + 1) - points.row(t)).transpose()).squaredNorm();
       const Eigen::VectorXd now = error(d, points, t);
       missed += now.cwiseAbs2();
       if (t + 1 < d.controls.rows()) returns -= now.cwiseProduct(error(d, points, t + 1));
@@ -314,7 +268,7 @@ std::vector<std::string> FitWarnings(const GuardModel& model,
   }
   for (std::string fault :
        {internal::DescribeCopies(demonstrations), DescribeRepeated(model, demonstrations),
-        DescribeDelay(model, ordered), internal::DescribeRest(model, steady),
+        internal::DescribeDelay(model, ordered), internal::DescribeRest(model, steady),
         internal::DescribeJumps(model, demonstrations),
         internal::DescribeLargest(demonstrations)}) {
     if (!fault.empty()) warnings.push_back(std::move(fault));

@@ -8,7 +8,11 @@
 #include "dfr/core/features/absolute_actions.h"
 #include "dfr/core/features/state_map.h"
 #include "dfr/core/matrix.h"
+#include "dfr/core/numerics/linear_algebra.h"
 #include "dfr/core/text/format.h"
+#include "dfr/safety/constants.h"
+#include "fit/choose_features.h"
+#include "fit/sensor_groups.h"
 
 namespace dfr::safety::internal {
 namespace {
@@ -48,6 +52,11 @@ bool IsRotation(const core::StateMap& map, int entry) {
 
 bool Equal(const core::Matrix& a, const core::Matrix& b) {
   return a.rows() == b.rows() && a.cols() == b.cols() && a == b;
+}
+
+// Returns the residuals of each column of y after a linear regression on the columns of x.
+Eigen::VectorXd Residuals(const Eigen::MatrixXd& x, const Eigen::MatrixXd& y) {
+  return (y - x * core::SolveLeastSquares(x, y)).colwise().squaredNorm();
 }
 
 }  // namespace
@@ -94,9 +103,12 @@ std::string DescribeRest(const GuardModel& model,
   Eigen::RowVectorXd limits = kStill * (squares / count).cwiseSqrt();
   for (Eigen::Index i = 0; i < dim; ++i) {
     const double mean = sums[i] / count;
-    if (squares[i] / count - mean * mean <= kStill * squares[i] / count) limits[i] = HUGE_VAL;
+    const bool uniform = squares[i] / count - mean * mean <= kStill * squares[i] / count;
+    if (uniform && (FollowsClock(demonstrations, i) || !MovedByActions(demonstrations, i))) {
+      limits[i] = HUGE_VAL;
+    }
   }
-  // If every entry moves at a nearly constant rate, no limit shows rest.
+  // If every entry advances by itself, no limit shows rest.
   if (!(limits.array() < HUGE_VAL).any()) return "";
   int at_rest = 0;
   int driven = 0;
@@ -121,6 +133,84 @@ std::string DescribeRest(const GuardModel& model,
       "blocked, or a zero action does not hold it, as with torques against gravity. In the second "
       "case use velocities or increments, because the guard halts with zero actions",
       driven, at_rest);
+}
+
+std::string DescribeDelay(const GuardModel& model,
+                          std::span<const core::Trajectory> demonstrations) {
+  constexpr Eigen::Index kMostLag = 3;
+  constexpr Eigen::Index kSamples = 3000;
+  constexpr Eigen::Index kRowsPerColumn = 5;
+  constexpr double kDetermined = 1e-6;  // Negligible fraction of the squared changes.
+  const Eigen::Index n = model.task().features().num_features();
+  const Eigen::Index m = demonstrations[0].controls.cols();
+  Eigen::Index transitions = 0;
+  const auto count = [](const core::Trajectory& d) {
+    return std::max<Eigen::Index>(0, d.controls.rows() - 1 - kMostLag);
+  };
+  for (const core::Trajectory& d : demonstrations) transitions += count(d);
+  const Eigen::Index stride = std::max<Eigen::Index>(1, transitions / kSamples);
+  const Eigen::Index rows = (transitions + stride - 1) / stride;
+  if (rows < kRowsPerColumn * (1 + n + m)) return "";
+  Eigen::MatrixXd x = Eigen::MatrixXd::Ones(rows, 1 + n + m);
+  Eigen::MatrixXd change(rows, n);
+  std::vector<Eigen::MatrixXd> actions(2 + kMostLag, Eigen::MatrixXd(rows, m));
+  Eigen::Index sample = 0;
+  Eigen::Index row = 0;
+  for (const core::Trajectory& d : demonstrations) {
+    if (count(d) == 0) continue;
+    const core::Matrix points = model.task().features().Apply(d.states);
+    for (Eigen::Index t = kMostLag; t + 1 < d.controls.rows(); ++t, ++sample) {
+      if (sample % stride != 0) continue;
+      x.row(row).segment(1, n) = points.row(t);
+      change.row(row) = points.row(t + 1) - points.row(t);
+      for (Eigen::Index i = 0; i < std::ssize(actions); ++i) {
+        actions[static_cast<std::size_t>(i)].row(row) = d.controls.row(t + 1 - i);
+      }
+      ++row;
+    }
+  }
+  Eigen::MatrixXd later = x.leftCols(1 + n);
+  later.rightCols(n) += change;
+  actions[0] -= later * core::SolveLeastSquares(later, actions[0]);
+  const Eigen::VectorXd open = Residuals(x.leftCols(1 + n), change);
+  std::vector<Eigen::VectorXd> explained;
+  explained.reserve(actions.size());
+  for (const Eigen::MatrixXd& u : actions) {
+    x.rightCols(m) = u;
+    explained.emplace_back(1.0 - (Residuals(x, change).array() / open.array()));
+  }
+  const auto is_open = [&](Eigen::Index k) {
+    return open[k] > kDetermined * change.col(k).squaredNorm();
+  };
+  bool in_step = false;
+  for (Eigen::Index k = 0; k < n; ++k) {
+    in_step = in_step || (is_open(k) && explained[1][k] - explained[0][k] > fit::kLagGain);
+  }
+  double best_gain = fit::kLagGain;
+  std::size_t best = 1;
+  Eigen::Index feature = 0;
+  for (std::size_t i = in_step ? 2 : 0; i < explained.size(); ++i) {
+    for (Eigen::Index k = 0; k < n; ++k) {
+      const double gain = explained[i][k] - explained[1][k];
+      if (!is_open(k) || !(gain > best_gain)) continue;
+      best_gain = gain;
+      best = i;
+      feature = k;
+    }
+  }
+  if (best == 1) return "";
+  const int delay = static_cast<int>(best) - 1;
+  const std::string shares =
+      core::Format(" (%.0f %% explained; %.0f %% by the action of the same step)",
+                   100.0 * explained[best][feature], 100.0 * std::max(0.0, explained[1][feature]));
+  if (delay < 0) {
+    return "the change of a state is explained by the action recorded one step later" + shares +
+           ": actions and states are out of step, see guard check";
+  }
+  return core::Format("actions take effect %d step%s later", delay, delay == 1 ? "" : "s") +
+         shares +
+         (delay == 1 ? ": add the last action" : core::Format(": add the last %d actions", delay)) +
+         " to the states, or pair each state with the action that moves it";
 }
 
 std::string DescribeJumps(const GuardModel& model,

@@ -15,8 +15,16 @@ std::string DescribeCopies(std::span<const core::Trajectory> demonstrations);
 
 // Describes robots that rest under ordinary actions, as an arm against gravity does if actions are
 // torques. A rest lasts five steps or more: a shorter one may be a delay. Entries of the state that
-// advance uniformly, like a clock, do not count.
+// advance uniformly without the robot, like a clock, do not count.
 std::string DescribeRest(const GuardModel& model, std::span<const core::Trajectory> demonstrations);
+
+// Describes the delay between actions and their effect. There is a delay if an
+// action of another step explains more than the recorded action does. Only feature changes that
+// the state does not determine count. The action one step later may also react to the change. Only
+// the part that its own state does not explain counts, and only if the recorded action does not
+// clearly explain any feature better.
+std::string DescribeDelay(const GuardModel& model,
+                          std::span<const core::Trajectory> demonstrations);
 
 // Describes the entry of the features that changes most suddenly in one demonstration, compared
 // with all others.

@@ -99,6 +99,10 @@ bool FollowsClock(std::span<const core::Trajectory> demonstrations, Eigen::Index
   return total > 0.0 && within <= kMostWithin * total;
 }
 
+bool MovedByActions(std::span<const core::Trajectory> demonstrations, Eigen::Index entry) {
+  return ChangesLeftByActions(demonstrations, entry) < kLeastUnexplained;
+}
+
 bool AdvancesUniformly(std::span<const core::Trajectory> demonstrations, Eigen::Index entry) {
   // Relative difference up to which rates, or distances, count as equal.
   constexpr double kSame = 1e-2;
@@ -126,7 +130,7 @@ bool AdvancesUniformly(std::span<const core::Trajectory> demonstrations, Eigen::
   if (squares <= kRounding * values || missed > fit::kClockError * squares) return false;
   for (std::size_t i = 0; i < 2; ++i) {
     if (high[i] - low[i] <= kSame * std::max(std::abs(low[i]), std::abs(high[i]))) {
-      return ChangesLeftByActions(demonstrations, entry) >= kLeastUnexplained;
+      return !MovedByActions(demonstrations, entry);
     }
   }
   return false;
@@ -157,7 +161,7 @@ std::vector<SensorGroup> FitSensorGroups(const GuardModel& model,
     const Eigen::Index column = steady.ColumnOf(entry);
     return AdvancesUniformly(steady.demonstrations, column) ||
            (FollowsClock(steady.demonstrations, column) &&
-            ChangesLeftByActions(steady.demonstrations, column) >= kLeastUnexplained);
+            !MovedByActions(steady.demonstrations, column));
   });
   SensorGroup rest;
   for (const int entry : others) {

@@ -13,6 +13,9 @@ namespace dfr::safety::internal {
 /// demonstrations at the same time step.
 bool FollowsClock(std::span<const core::Trajectory> demonstrations, Eigen::Index entry);
 
+/// Returns true if a linear function of the actions explains an entry's changes almost entirely.
+bool MovedByActions(std::span<const core::Trajectory> demonstrations, Eigen::Index entry);
+
 /// Returns true if an entry advances uniformly, at one rate or over one distance, for any actions.
 bool AdvancesUniformly(std::span<const core::Trajectory> demonstrations, Eigen::Index entry);
 

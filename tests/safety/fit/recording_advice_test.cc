@@ -1,0 +1,134 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include "dfr/core/random.h"
+#include "dfr/safety/guard_model.h"
+#include "tests/safety/corridor.h"
+
+namespace dfr::safety {
+namespace {
+
+using testing::Contains;
+using testing::HasSubstr;
+using testing::Not;
+
+std::vector<std::string> FittedWarnings(const core::StateLayout& layout,
+                                        const std::vector<core::Trajectory>& demonstrations) {
+  return GuardModel::Fit(layout, demonstrations, {.accept_any = true})->summary().fit_warnings;
+}
+
+// A point on a line returns to 0. The action reacts to the measured position.
+struct Feedback {
+  double noise;  // of the measured position
+  double action_noise;
+  double effect;  // of an action on the position
+};
+
+std::vector<core::Trajectory> FeedbackDemonstrations(const Feedback& feedback) {
+  constexpr int kSteps = 40;
+  core::Random random(5);
+  std::vector<core::Trajectory> demonstrations;
+  for (int i = 0; i < 30; ++i) {
+    core::Trajectory d{core::Matrix(kSteps + 1, 1), core::Matrix(kSteps, 1)};
+    double x = 0.3 * random.Normal();
+    for (int t = 0;; ++t) {
+      d.states(t, 0) = x + feedback.noise * random.Normal();
+      if (t == kSteps) break;
+      d.controls(t, 0) = -0.8 * d.states(t, 0) + feedback.action_noise * random.Normal();
+      x += feedback.effect * d.controls(t, 0);
+    }
+    demonstrations.push_back(std::move(d));
+  }
+  return demonstrations;
+}
+
+// Pairs each state with the action of the step before.
+std::vector<core::Trajectory> Shifted(std::vector<core::Trajectory> demonstrations) {
+  for (core::Trajectory& d : demonstrations) {
+    const Eigen::Index steps = d.controls.rows() - 1;
+    d.states = core::Matrix(d.states.bottomRows(steps + 1));
+    d.controls = core::Matrix(d.controls.topRows(steps));
+  }
+  return demonstrations;
+}
+
+TEST(RecordingAdviceTest, AReactionToTheStateIsNoShift) {
+  core::StateLayout layout;
+  layout.Add("x", 1);
+  const auto noisy = FeedbackDemonstrations({.noise = 0.05, .action_noise = 0.01, .effect = 0.1});
+  EXPECT_THAT(FittedWarnings(layout, noisy), Not(Contains(HasSubstr("out of step"))));
+  const auto exact = FeedbackDemonstrations({.noise = 0.0, .action_noise = 0.05, .effect = 0.3});
+  EXPECT_THAT(FittedWarnings(layout, exact), Not(Contains(HasSubstr("out of step"))));
+  EXPECT_THAT(FittedWarnings(layout, Shifted(exact)), Contains(HasSubstr("out of step")));
+}
+
+// A force jumps at random, and the action reacts to the jump, which one state does not show. The
+// position follows the action of the same step.
+TEST(RecordingAdviceTest, AReactionToAChangeIsNoShift) {
+  constexpr int kSteps = 40;
+  core::Random random(6);
+  std::vector<core::Trajectory> demonstrations;
+  for (int i = 0; i < 30; ++i) {
+    core::Trajectory d{core::Matrix(kSteps + 1, 2), core::Matrix(kSteps, 1)};
+    d.states.row(0) << 0.1 * random.Normal(), random.Normal();
+    double jump = 0.0;
+    for (int t = 0; t < kSteps; ++t) {
+      d.controls(t, 0) = 0.05 + 0.02 * random.Normal() + 0.1 * jump;
+      jump = random.Uniform(0.0, 1.0) < 0.2 ? random.Normal() : 0.0;
+      d.states.row(t + 1) << d.states(t, 0) + d.controls(t, 0), d.states(t, 1) + jump;
+    }
+    demonstrations.push_back(std::move(d));
+  }
+  core::StateLayout layout;
+  layout.Add("tip", 1);
+  layout.Add("force", 1);
+  EXPECT_THAT(FittedWarnings(layout, demonstrations), Not(Contains(HasSubstr("out of step"))));
+  EXPECT_THAT(FittedWarnings(layout, Shifted(demonstrations)), Contains(HasSubstr("out of step")));
+}
+
+// A cart drives at constant speed and steers only at first. Then only one entry of the state
+// changes.
+TEST(RecordingAdviceTest, ADriveAtConstantSpeedIsNoRest) {
+  constexpr int kSteps = 40;
+  core::Random random(7);
+  std::vector<core::Trajectory> demonstrations;
+  for (int i = 0; i < 20; ++i) {
+    core::Trajectory d{core::Matrix(kSteps + 1, 2), core::Matrix(kSteps, 2)};
+    d.states.row(0) << 0.1 * random.Normal(), 0.3 * random.Normal();
+    for (int t = 0; t < kSteps; ++t) {
+      d.controls.row(t) << 0.1 * (1.0 + 0.1 * random.Normal()), -0.3 * d.states(t, 1);
+      d.states.row(t + 1) = d.states.row(t) + d.controls.row(t);
+    }
+    demonstrations.push_back(std::move(d));
+  }
+  core::StateLayout layout;
+  layout.Add("cart", 2);
+  EXPECT_THAT(FittedWarnings(layout, demonstrations), Not(Contains(HasSubstr("robot rests"))));
+}
+
+// A gear changes once per demonstration, by more than any position.
+TEST(RecordingAdviceTest, AFlagIsNoUnexplainedChange) {
+  core::Random random(8);
+  auto demonstrations = test::IrregularDemonstrations(40, random);
+  for (core::Trajectory& d : demonstrations) {
+    const auto turn = static_cast<Eigen::Index>(random.Uniform(3.0, 17.0));
+    d.states.col(0).head(turn).setConstant(1.0);
+    d.states.col(0).tail(d.states.rows() - turn).setConstant(-1.0);
+  }
+  constexpr const char* kUnexplained = "actions explain only";
+  EXPECT_THAT(FittedWarnings(test::CorridorLayout(), demonstrations),
+              Not(Contains(HasSubstr(kUnexplained))));
+  // An object that moves by itself.
+  for (core::Trajectory& d : demonstrations) {
+    for (double& x : d.states.col(0)) x = random.Normal();
+  }
+  EXPECT_THAT(FittedWarnings(test::CorridorLayout(), demonstrations),
+              Contains(HasSubstr(kUnexplained)));
+}
+
+}  // namespace
+}  // namespace dfr::safety
