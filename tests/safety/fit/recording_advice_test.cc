@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "dfr/core/random.h"
+#include "dfr/safety/guard_advice.h"
 #include "dfr/safety/guard_model.h"
 #include "tests/safety/corridor.h"
 
@@ -128,6 +129,38 @@ TEST(RecordingAdviceTest, AFlagIsNoUnexplainedChange) {
   }
   EXPECT_THAT(FittedWarnings(test::CorridorLayout(), demonstrations),
               Contains(HasSubstr(kUnexplained)));
+}
+
+TEST(RecordingAdviceTest, AnAlarmLevelThatNoDemonstrationReachesHasItsConsequence) {
+  const auto warnings = [](int count) {
+    const auto model =
+        GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, count),
+                        {.features = "tip", .action_limit = {0.2}});
+    GuardSettings settings = model->settings();
+    settings.alarm_level = 3.5;
+    return Warnings(*model->With(settings));
+  };
+  EXPECT_THAT(warnings(12), Contains(HasSubstr("no alarm will be raised. 12 demonstrations are so "
+                                               "few that the level is that of the worst one")));
+  EXPECT_THAT(warnings(30), Contains(HasSubstr("many failures will raise no alarm. Check for")));
+}
+
+// The first entry of the state is a goal.
+TEST(RecordingAdviceTest, AGoalIsNotAFeatureToLeaveOut) {
+  core::Random random(9);
+  auto demonstrations = test::CorridorDemonstrations(1, 40);
+  for (core::Trajectory& d : demonstrations) {
+    d.states.col(0).setConstant(random.Normal());
+    for (double& x : d.states.col(0)) x += 0.01 * random.Normal();
+  }
+  GuardOptions options{.accept_any = true};
+  options.support.svm.gamma = 1e3;
+  const auto narrow = GuardModel::Fit(test::CorridorLayout(), demonstrations, options);
+  EXPECT_THAT(Warnings(*narrow), Contains(testing::AllOf(testing::StartsWith("clock[0]: "),
+                                                         HasSubstr("like a goal"))));
+  EXPECT_THAT(Warnings(*narrow), Not(Contains(HasSubstr("fewer features"))));
+  const auto good = GuardModel::Fit(test::CorridorLayout(), demonstrations);
+  EXPECT_THAT(Warnings(*good), Not(Contains(HasSubstr("like a goal"))));
 }
 
 }  // namespace

@@ -323,8 +323,10 @@ bool RefuseUnlessInside(const core::StateLayout& layout, const Recorded& recorde
                             independent.size()) +
                Spec(layout, independent) + ". ";
   }
-  message += better.empty() ? "Record more demonstrations, or use fewer features"
-                            : "Use fewer features (in brackets the share inside): " + better;
+  message +=
+      better.empty()
+          ? "Record more demonstrations, or use features relative to objects and goals"
+          : "Use fewer features, but not without goals (in brackets the share inside): " + better;
   if (fit.options.svm.gamma > kernel::WhitenedSupportOptions().svm.gamma) {
     message += core::Format(", or choose a smaller gamma than %g", fit.options.svm.gamma);
   }

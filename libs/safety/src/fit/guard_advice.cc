@@ -1,6 +1,7 @@
 #include "dfr/safety/guard_advice.h"
 
 #include <algorithm>
+#include <numeric>
 #include <utility>
 
 #include "dfr/control/response/response_estimate.h"
@@ -9,6 +10,7 @@
 #include "dfr/core/numerics/quantile.h"
 #include "dfr/core/text/format.h"
 #include "dfr/kernel/cover_radius.h"
+#include "dfr/kernel/model_selection.h"
 #include "dfr/safety/constants.h"
 #include "fit/choose_features.h"
 #include "fit/fit_task.h"
@@ -17,6 +19,18 @@
 #include "fit/sensor_groups.h"
 
 namespace dfr::safety {
+
+namespace {
+
+// Returns true if the alarm level of a fit is the largest of the levels of `count` demonstrations.
+bool IsWorst(int count, const GuardSummary& summary) {
+  if (count < 1 || !(summary.false_alarms > 0.0 && summary.false_alarms < 1.0)) return false;
+  std::vector<double> ranks(static_cast<std::size_t>(count));
+  std::iota(ranks.begin(), ranks.end(), 1.0);
+  return kernel::ConformalThreshold(ranks, summary.false_alarms, summary.confidence) >= count;
+}
+
+}  // namespace
 
 std::vector<std::string> Warnings(const GuardModel& model) {
   const GuardSummary& summary = model.summary();
@@ -30,14 +44,17 @@ std::vector<std::string> Warnings(const GuardModel& model) {
   if (summary.acceptance < fit::kLeastAcceptance) {
     warnings.push_back(core::Format(
         "only %.0f %% of the states of left-out demonstrations are inside, and even a good policy "
-        "will be corrected: record more demonstrations, use fewer features, or use every k-th "
-        "state if demonstrations are long or differ in pace",
+        "will be corrected: record more demonstrations, use features relative to objects and "
+        "goals, "
+        "leave out entries that the task does not need, or use every k-th state if demonstrations "
+        "are long or differ in pace",
         100.0 * summary.acceptance));
   }
   if (summary.changed > fit::kMostChanged || summary.ends_outside > fit::kMostOutside) {
     warnings.push_back(core::Format(
         "the guard would change %.0f %% of the actions of left-out demonstrations, and predicts "
-        "%.0f %% of them to end outside: record more demonstrations, or use fewer features",
+        "%.0f %% of them to end outside: record more demonstrations, use features relative to "
+        "objects and goals, or leave out entries that the task does not need",
         100.0 * summary.changed, 100.0 * summary.ends_outside));
   }
   if (control::LocalFit::Guesses(summary.explained, summary.action_error)) {
@@ -60,10 +77,17 @@ std::vector<std::string> Warnings(const GuardModel& model) {
         summary.gaps.points, summary.gaps.inside));
   }
   if (settings.alarm_level > fit::kLowestAlarm) {
-    warnings.push_back(core::Format(
-        "the alarm is raised only below l = %.3g, far outside: check for a demonstration that is "
-        "unlike the others, or allow more false alarms",
-        -settings.alarm_level));
+    const int judged = summary.held_out > 0 ? summary.held_out : summary.demonstrations;
+    warnings.push_back(
+        core::Format("the alarm is raised only below l = %.3g, far outside: ",
+                     -settings.alarm_level) +
+        (IsWorst(judged, summary)
+             ? core::Format(
+                   "practically no alarm will be raised. %d demonstrations are so few that "
+                   "the level is that of the worst one. Record more, check",
+                   judged)
+             : std::string("many failures will raise no alarm. Check")) +
+        " for a demonstration that is unlike the others, or allow more false alarms");
   }
   if (summary.drift_chance < fit::kUnlikely &&
       summary.drift_level > settings.alarm_level + fit::kLeastDrift) {
@@ -269,8 +293,8 @@ std::vector<std::string> FitWarnings(const GuardModel& model,
   for (std::string fault :
        {internal::DescribeCopies(demonstrations), DescribeRepeated(model, demonstrations),
         internal::DescribeDelay(model, ordered), internal::DescribeRest(model, steady),
-        internal::DescribeJumps(model, demonstrations),
-        internal::DescribeLargest(demonstrations)}) {
+        internal::DescribeJumps(model, demonstrations), internal::DescribeLargest(demonstrations),
+        internal::DescribeGoals(model, steady)}) {
     if (!fault.empty()) warnings.push_back(std::move(fault));
   }
   const Changes changes = JudgeChanges(model, ordered);

@@ -251,4 +251,38 @@ std::string DescribeLargest(std::span<const core::Trajectory> demonstrations) {
   return "";
 }
 
+std::string DescribeGoals(const GuardModel& model,
+                          std::span<const core::Trajectory> demonstrations) {
+  constexpr double kMostWithin = 0.1;  // share of the variance within demonstrations
+  const GuardSummary& summary = model.summary();
+  if (summary.acceptance >= fit::kLeastAcceptance && summary.changed <= fit::kMostChanged &&
+      summary.ends_outside <= fit::kMostOutside) {
+    return "";
+  }
+  double count = 0.0;
+  for (const core::Trajectory& d : demonstrations) count += static_cast<double>(d.states.rows());
+  std::vector<int> entries = model.task().features().selection().indices();
+  entries.erase(std::unique(entries.begin(), entries.end()), entries.end());
+  std::vector<int> goals;
+  for (const int entry : entries) {
+    const double origin = demonstrations[0].states(0, entry);
+    double sum = 0.0;
+    double squares = 0.0;
+    double within = 0.0;
+    for (const core::Trajectory& d : demonstrations) {
+      const Eigen::ArrayXd x = d.states.col(entry).array() - origin;
+      sum += x.sum();
+      squares += x.square().sum();
+      within += (x - x.mean()).square().sum();
+    }
+    const double all = squares - sum * sum / count;
+    if (all > 0.0 && within <= kMostWithin * all) goals.push_back(entry);
+  }
+  if (goals.empty() || goals.size() == entries.size()) return "";
+  return Names(model.task_layout(), goals) +
+         ": nearly constant within a demonstration but different in others, like a goal. Use "
+         "features relative to such entries, for example their difference from the tool. Without "
+         "them the guard does not know the goal";
+}
+
 }  // namespace dfr::safety::internal

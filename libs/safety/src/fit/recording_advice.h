@@ -18,11 +18,11 @@ std::string DescribeCopies(std::span<const core::Trajectory> demonstrations);
 // advance uniformly without the robot, like a clock, do not count.
 std::string DescribeRest(const GuardModel& model, std::span<const core::Trajectory> demonstrations);
 
-// Describes the delay between actions and their effect. There is a delay if an
-// action of another step explains more than the recorded action does. Only feature changes that
-// the state does not determine count. The action one step later may also react to the change. Only
-// the part that its own state does not explain counts, and only if the recorded action does not
-// clearly explain any feature better.
+// Describes the delay between actions and their effect. There is a delay if an action of another
+// step explains more than the recorded action does. Only feature changes that the state does not
+// determine count. The action one step later may also react to the change. Only the part that its
+// own state does not explain counts, and only if the recorded action does not clearly explain any
+// feature better.
 std::string DescribeDelay(const GuardModel& model,
                           std::span<const core::Trajectory> demonstrations);
 
@@ -34,5 +34,11 @@ std::string DescribeJumps(const GuardModel& model,
 // Describes the entry of the actions whose largest value occurs in one demonstration and far
 // exceeds the values in all others. Default limits follow from this value.
 std::string DescribeLargest(std::span<const core::Trajectory> demonstrations);
+
+// Describes features that differ between demonstrations but hardly change within one, if the guard
+// is too narrow for left-out demonstrations. Features relative to a goal help there. Without the
+// goal the guard would be wider, but wrong.
+std::string DescribeGoals(const GuardModel& model,
+                          std::span<const core::Trajectory> demonstrations);
 
 }  // namespace dfr::safety::internal
