@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <optional>
 
 #include "dfr/control/phase_tracker.h"
 #include "dfr/control/response/response_estimate.h"
@@ -115,11 +116,12 @@ class Judge {
     }
   }
 
-  [[nodiscard]] ComponentsScore operator()(int components) const {
+  // Returns nothing if a callback of the options stopped it.
+  [[nodiscard]] std::optional<ComponentsScore> operator()(int components) const {
     std::vector<Sums> each(demonstrations_.size(), Sums(demonstrations_[0].controls.cols()));
     std::size_t next = 0;
     for (std::size_t fold = 0; fold < folds_.size(); ++fold) {
-      JudgeFold(fold, components, each, next);
+      if (!JudgeFold(fold, components, each, next)) return std::nullopt;
     }
     return Score(components, each);
   }
@@ -143,8 +145,12 @@ class Judge {
     return weights;
   }
 
-  void JudgeFold(std::size_t fold, int components, std::vector<Sums>& each,
-                 std::size_t& next) const {
+  [[nodiscard]] bool GoingOn() const { return !options_.going_on || options_.going_on(); }
+
+  // Returns false if a callback of the options stopped it.
+  [[nodiscard]] bool JudgeFold(std::size_t fold, int components, std::vector<Sums>& each,
+                               std::size_t& next) const {
+    if (!GoingOn()) return false;
     const core::Matrix weights = Weights(fold, components);
     const auto selected = [&](std::size_t d) {
       return core::Matrix(core::Multiply(demonstrations_[d].states, weights.transpose()));
@@ -159,7 +165,16 @@ class Judge {
     const auto whitening = core::FeatureTransform::Whitening(
         core::FeatureSelection::All(static_cast<int>(weights.rows())), points);
     for (core::Matrix& z : points) z = whitening.Apply(z);
-    const auto support = kernel::WhitenedSupport::Fit(points, options_.support);
+    bool stopped = false;
+    kernel::WhitenedSupportOptions options = options_.support;
+    if (options.svm.progress) {
+      options.svm.progress = [&](const kernel::FitProgress& progress) {
+        stopped = stopped || !options_.support.svm.progress(progress);
+        return !stopped;
+      };
+    }
+    const auto support = kernel::WhitenedSupport::Fit(points, options);
+    if (stopped || !GoingOn()) return false;
     const control::ResponseEstimate estimate(std::make_shared<const control::TransitionStore>(
         points, controls, control::ResponseOptions{}));
     // This order is independent of the order of recording.
@@ -168,6 +183,7 @@ class Judge {
       JudgeOne(whitening.Apply(selected(d)), demonstrations_[d].controls, support, estimate,
                each[d], next);
     }
+    return true;
   }
 
   void JudgeOne(const core::Matrix& z, const core::Matrix& controls,
@@ -285,7 +301,11 @@ ComponentsChoice ChooseComponents(std::span<const core::Trajectory> demonstratio
   const Judge judge(demonstrations, options, sizes);
   ComponentsChoice choice;
   for (const int components : options.candidates) {
-    if (components <= most) choice.table.push_back(judge(components));
+    if (components > most) continue;
+    const std::optional<ComponentsScore> score = judge(components);
+    choice.stopped = !score;
+    if (choice.stopped) return choice;
+    choice.table.push_back(*score);
   }
   Decide(options, choice);
   return choice;

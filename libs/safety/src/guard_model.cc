@@ -216,22 +216,23 @@ std::shared_ptr<GuardModel> GuardModel::FitStates(const core::StateLayout& layou
       !internal::RefuseUnlessInside(layout, recorded, *fit, *actions, options.folds, going_on)) {
     return nullptr;
   }
-  if (!going_on("fitting the response to actions", 0.8)) return nullptr;
-  TaskParts parts = internal::MakeTask(recorded, std::move(fit->support), fit->left_out,
-                                       fit->options.single_precision);
+  std::optional<TaskParts> parts = internal::MakeTask(
+      recorded, std::move(fit->support), fit->left_out, fit->options.single_precision,
+      [&] { return going_on("fitting the response to actions", 0.8); });
+  if (!parts) return nullptr;
   if (!going_on("estimating the alarm level", 0.95)) return nullptr;
 
   const auto replayed = [&] {
-    return internal::ReplayLeftOut(recorded, fit->folds, fit->without, parts.view(),
+    return internal::ReplayLeftOut(recorded, fit->folds, fit->without, parts->view(),
                                    [&] { return going_on("estimating the alarm level", 0.95); });
   };
   std::optional<internal::Replay> replay = replayed();
   if (!replay) return nullptr;
   // The errors decide which actions the guard changes.
-  parts.levels.SetPredictionErrors(replay->level_errors);
+  parts->levels.SetPredictionErrors(replay->level_errors);
   replay = replayed();
   if (!replay) return nullptr;
-  auto task = std::make_shared<const TaskModel>(std::move(parts));
+  auto task = std::make_shared<const TaskModel>(*std::move(parts));
   std::vector<core::Trajectory> held_out;
   for (const std::size_t d : std::span(order).first(num_held_out)) {
     held_out.push_back(demonstrations[d]);

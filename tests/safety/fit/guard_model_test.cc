@@ -303,6 +303,8 @@ TEST(GuardModelTest, ProgressIsAskedBetweenTheSupportsOfEachStage) {
   EXPECT_GE(calls["comparing kernel widths"], 2 * (options.folds + 1));
   EXPECT_GE(calls["testing for gaps"], 2) << "before the support and before the test";
   EXPECT_GE(calls["leaving stretches out"], 2 * options.folds);
+  EXPECT_GE(calls["fitting the response to actions"], 2 * 10)
+      << "two comparisons of demonstrations";
   EXPECT_GE(calls["estimating the alarm level"], options.folds);
   EXPECT_EQ(calls["estimating the errors of predictions"], 1);
 }

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdint>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "dfr/core/random.h"
@@ -88,6 +89,27 @@ TEST(ReducedGuardFitTest, IsAMonitorIfPicturesDoNotExplainTheEntryThatVariesMost
   EXPECT_GT(model->summary().entry_error, 0.6);
   EXPECT_EQ(model->settings().strategy, Strategy::kMonitor);
   EXPECT_THAT(Warnings(*model), testing::Contains(HasSubstr("corrections need at least 40 %")));
+}
+
+TEST(ReducedGuardFitTest, ACallbackStopsTheChoiceOfComponents) {
+  const std::vector<core::Trajectory> demonstrations = PictureDemonstrations(1, 12);
+  GuardOptions options{.features = "pca:camera"};
+  for (int last = 1; last <= 5; ++last) {
+    int calls = 0;
+    options.progress = [&](std::string_view stage, double) {
+      EXPECT_EQ(stage, "choosing components");
+      return ++calls != last;
+    };
+    EXPECT_EQ(GuardModel::Fit(PictureLayout(), demonstrations, options), nullptr);
+    EXPECT_EQ(calls, last) << "called again after the stop";
+  }
+  options.progress = {};
+  for (int last = 1; last <= 5; ++last) {
+    int calls = 0;
+    options.support.svm.progress = [&](const kernel::FitProgress&) { return ++calls != last; };
+    EXPECT_EQ(GuardModel::Fit(PictureLayout(), demonstrations, options), nullptr);
+    EXPECT_EQ(calls, last) << "called again after the stop";
+  }
 }
 
 TEST(ReducedGuardFitTest, PointsAreFeaturesOfAGuard) {

@@ -12,10 +12,11 @@ namespace dfr::control {
 namespace {
 
 // Calls visit(fit, d, t) for transitions of each half of the demonstrations, with fits to the other
-// half.
+// half. Stops if `going_on`, which is called for each demonstration, returns false.
 template <typename Visit>
 void VisitLeftOut(const FeatureTrajectories& demonstrations, std::span<const core::Matrix> controls,
-                  const ResponseOptions& options, bool drift, const Visit& visit) {
+                  const ResponseOptions& options, bool drift, const std::function<bool()>& going_on,
+                  const Visit& visit) {
   constexpr Eigen::Index kEnough = 2000;  // Number of transitions of each half.
   const std::vector<core::Matrix>& points = demonstrations.points;
   const std::vector<core::Matrix>& contexts = demonstrations.contexts;
@@ -36,6 +37,7 @@ void VisitLeftOut(const FeatureTrajectories& demonstrations, std::span<const cor
                                     {}, drift);
     LocalFit fit = estimate.MakeFit();
     for (std::size_t d = 1 - half; d < points.size(); d += 2) {
+      if (going_on && !going_on()) return;
       for (Eigen::Index t = 0; t < controls[d].rows(); t += stride) {
         if (!contexts.empty()) fit.SetContext(core::Row(contexts[d], t));
         estimate.FitAt(static_cast<int>(t), core::Row(points[d], t), fit);
@@ -48,14 +50,14 @@ void VisitLeftOut(const FeatureTrajectories& demonstrations, std::span<const cor
 // Returns the variance of left-out demonstrations that controls and a drift leave unexplained, as a
 // fraction of the variance that controls alone leave unexplained.
 double WithDrift(const FeatureTrajectories& demonstrations, std::span<const core::Matrix> controls,
-                 const ResponseOptions& options) {
+                 const ResponseOptions& options, const std::function<bool()>& going_on) {
   const std::vector<core::Matrix>& points = demonstrations.points;
   double alone = 0.0;
   double together = 0.0;
   Eigen::VectorXd there(points[0].cols());
   for (const bool drift : {false, true}) {
     double& error = drift ? together : alone;
-    VisitLeftOut(demonstrations, controls, options, drift,
+    VisitLeftOut(demonstrations, controls, options, drift, going_on,
                  [&](LocalFit& fit, std::size_t d, Eigen::Index t) {
                    there = points[d].row(t);
                    fit.AddEffect(controls[d].row(t).transpose(), there);
@@ -70,12 +72,12 @@ double WithDrift(const FeatureTrajectories& demonstrations, std::span<const core
 // return of the noise to its mean. A control that reproduces this change is too large.
 bool ChangesMislead(const FeatureTrajectories& demonstrations,
                     std::span<const core::Matrix> controls, const ResponseOptions& options,
-                    bool drift) {
+                    bool drift, const std::function<bool()>& going_on) {
   double squares = 0.0;
   double alone = 0.0;
   double by_change = 0.0;
   Eigen::VectorXd v(controls[0].cols());
-  VisitLeftOut(demonstrations, controls, options, drift,
+  VisitLeftOut(demonstrations, controls, options, drift, going_on,
                [&](LocalFit& fit, std::size_t d, Eigen::Index t) {
                  if (!fit.DemonstratedControl(v)) return;
                  squares += controls[d].row(t).squaredNorm();
@@ -116,7 +118,8 @@ double RootMeanSquare(std::span<const core::Matrix> controls) {
   return std::sqrt(square / moving);
 }
 
-Response::Response(const FeatureTrajectories& demonstrations, const ResponseOptions& options) {
+Response::Response(const FeatureTrajectories& demonstrations, const ResponseOptions& options,
+                   const std::function<bool()>& going_on) {
   DFR_THROW_UNLESS(!demonstrations.points.empty(), "there are no demonstrations");
   std::vector<core::Matrix> controls = demonstrations.controls;
   control_unit_ = RootMeanSquare(controls);
@@ -140,8 +143,9 @@ Response::Response(const FeatureTrajectories& demonstrations, const ResponseOpti
     if (values_.back().size() == 1) values_.back().clear();
   }
   if (controls.size() < 2) return;
-  has_drift_ = WithDrift(demonstrations, controls, options) <= guided::kMostLeft;
-  if (!options.measured_changes || !ChangesMislead(demonstrations, controls, options, has_drift_)) {
+  has_drift_ = WithDrift(demonstrations, controls, options, going_on) <= guided::kMostLeft;
+  if (!options.measured_changes ||
+      !ChangesMislead(demonstrations, controls, options, has_drift_, going_on)) {
     return;
   }
   ResponseOptions chosen = options;

@@ -71,6 +71,9 @@ void Judge(std::span<const core::Trajectory> demonstrations, const GuardOptions&
   reduction::ChooseComponentsOptions choose;
   choose.folds = options.folds;
   choose.support = options.support;
+  if (options.progress) {
+    choose.going_on = [&] { return options.progress("choosing components", 0.0); };
+  }
   choose.least_inside = 0.0;  // Suffices() checks the guard with each number of components.
   choose.blocks = all.PositionsInOrder();
   choose.by_actions = pool.by_actions;
@@ -92,12 +95,19 @@ class Components {
       pools_.push_back({all.WithComponents(fit::kMostByActions), true});
       if (all.most_components() > fit::kMostByActions) pools_.push_back({all, true});
     }
-    for (Pool& pool : pools_) Judge(demonstrations, options, pool);
+    for (Pool& pool : pools_) {
+      Judge(demonstrations, options, pool);
+      stopped_ = pool.choice.stopped;
+      if (stopped_) return;
+    }
     if (!options.accept_any &&
         std::ranges::all_of(pools_, [](const Pool& pool) { return pool.choice.components == 0; })) {
       throw std::invalid_argument(options.features + ": " + pools_[0].choice.reason);
     }
   }
+
+  // Returns true if a callback stopped the choice: it has no candidates.
+  [[nodiscard]] bool stopped() const noexcept { return stopped_; }
 
   struct Candidate {
     const Pool* pool = nullptr;
@@ -163,6 +173,7 @@ class Components {
   }
 
   std::vector<Pool> pools_;
+  bool stopped_ = false;
 };
 
 bool Suffices(const GuardSummary& summary) {
@@ -178,7 +189,10 @@ std::shared_ptr<GuardModel> GuardModel::FitReduced(const core::StateLayout& layo
   const StateReduction all = StateReduction::Fit(layout, options.features, demonstrations);
   std::optional<const Components> open;
   std::vector<Components::Candidate> candidates(1);
-  if (all.num_open() > 0) candidates = open.emplace(all, demonstrations, options).Candidates();
+  if (all.num_open() > 0) {
+    if (open.emplace(all, demonstrations, options).stopped()) return nullptr;
+    candidates = open->Candidates();
+  }
   std::shared_ptr<GuardModel> best;
   for (std::size_t i = 0; i < candidates.size(); ++i) {
     const auto reduction =

@@ -309,18 +309,26 @@ std::optional<GuardFit> FitGuard(const Recorded& recorded,
                   fits.count()};
 }
 
-TaskParts MakeTask(const Recorded& recorded, kernel::WhitenedSupport support,
-                   const HeldOut& left_out, bool single_precision,
-                   std::optional<PublishedSupport> published) {
+std::optional<TaskParts> MakeTask(const Recorded& recorded, kernel::WhitenedSupport support,
+                                  const HeldOut& left_out, bool single_precision,
+                                  const std::function<bool()>& going_on,
+                                  std::optional<PublishedSupport> published) {
+  bool stopped = false;
+  const auto goes_on = [&] {
+    stopped = stopped || !going_on();
+    return !stopped;
+  };
   control::Levels levels(support, recorded.seen.points,
                          {.slack = control::EstimateSlack(left_out.levels())});
   levels.SetHeldOut(left_out.each);
+  if (!goes_on()) return std::nullopt;
   TaskParts task{.features = recorded.features,
                  .support = std::move(support),
                  .levels = std::move(levels),
-                 .response = control::Response(recorded.seen),
+                 .response = control::Response(recorded.seen, {}, goes_on),
                  .published = std::move(published),
                  .single_precision = single_precision};
+  if (!goes_on()) return std::nullopt;
   task.lambda = control::EstimateLambda(task.PublishedDecision(), recorded.ordered);
   return task;
 }
@@ -350,13 +358,14 @@ TaskParts FitTask(const core::StateLayout& layout, std::span<const core::Traject
     published = PublishedSupport{std::move(selection),
                                  kernel::TimeVaryingSupport::Fit(states, *options.published)};
   }
-  TaskParts task = MakeTask(recorded, std::move(support), *left_out,
-                            options.guided.single_precision, std::move(published));
-  task.horizon = options.horizon;
+  std::optional<TaskParts> task = MakeTask(
+      recorded, std::move(support), *left_out, options.guided.single_precision, [] { return true; },
+      std::move(published));
+  task->horizon = options.horizon;
   const std::optional<Replay> replay =
-      ReplayLeftOut(recorded, folds, without, task.view(), [] { return true; });
-  task.levels.SetPredictionErrors(replay->level_errors);
-  return task;
+      ReplayLeftOut(recorded, folds, without, task->view(), [] { return true; });
+  task->levels.SetPredictionErrors(replay->level_errors);
+  return *std::move(task);
 }
 
 }  // namespace dfr::safety::internal

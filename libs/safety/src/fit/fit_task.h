@@ -89,9 +89,11 @@ std::optional<GuardFit> FitGuard(const Recorded& recorded,
                                  const StageCallback& progress, bool may_narrow);
 
 /// Creates a task from a support and its cross-validation.
-TaskParts MakeTask(const Recorded& recorded, kernel::WhitenedSupport support,
-                   const HeldOut& left_out, bool single_precision,
-                   std::optional<PublishedSupport> published = std::nullopt);
+/// @returns nothing if `going_on` returns false. It is not called again.
+std::optional<TaskParts> MakeTask(const Recorded& recorded, kernel::WhitenedSupport support,
+                                  const HeldOut& left_out, bool single_precision,
+                                  const std::function<bool()>& going_on,
+                                  std::optional<PublishedSupport> published = std::nullopt);
 
 /// Fits a task with exactly these `options`: chooses neither gamma nor window_share.
 TaskParts FitTask(const core::StateLayout& layout, std::span<const core::Trajectory> demonstrations,

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <span>
 #include <string>
 #include <vector>
@@ -38,6 +39,8 @@ struct ChooseComponentsOptions {
   int folds = 5;
   double least_inside = 0.5;  ///< Smallest acceptable fraction of states inside.
   kernel::WhitenedSupportOptions support = {};
+  /// Called before and after the fit of each support. Returns false to stop.
+  std::function<bool()> going_on = {};
 };
 
 /// Result of ChooseComponents().
@@ -46,6 +49,7 @@ struct ComponentsChoice {
   int components = 0;                  ///< The chosen number; 0 if the choice was rejected.
   /// Reason for the choice, or for the rejection with its remedy.
   std::string reason;
+  bool stopped = false;  ///< options.going_on or options.support.svm.progress returned false.
 };
 
 /// Chooses the number of components by its scores on left-out demonstrations.

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <span>
 #include <vector>
@@ -34,9 +35,12 @@ struct FeatureTrajectories {
 /// Response of features to controls in demonstrations. Immutable; copies share the transitions.
 class Response {
  public:
+  /// @param going_on  called for each left-out demonstration of each comparison. If it returns
+  ///   false, the fit stops, and the response must not be used.
   /// @throws std::invalid_argument if shapes do not match, all controls are zero, or an option is
   /// out of range.
-  explicit Response(const FeatureTrajectories& demonstrations, const ResponseOptions& options = {});
+  explicit Response(const FeatureTrajectories& demonstrations, const ResponseOptions& options = {},
+                    const std::function<bool()>& going_on = {});
 
   /// Appends this object to a file.
   void Save(core::ArchiveWriter& archive) const;
