@@ -42,12 +42,22 @@ int GuardModel::FindImmeasurableAngle(std::span<const double> task_state) const 
 std::vector<double> GuardModel::FindPeriods(
     const core::StateLayout& recorded, std::span<const core::Trajectory> demonstrations) const {
   std::vector<double> periods(static_cast<std::size_t>(state_dim()), 0.0);
-  if (std::ranges::none_of(recorded.blocks, [](const auto& b) { return b.picture.height > 0; })) {
-    for (const core::Rotation& r : core::FindRotations(recorded, demonstrations)) {
-      if (r.kind == core::Rotation::Kind::kAngle) {
-        periods[static_cast<std::size_t>(r.first)] = r.period;
-      }
-    }
+  core::StateLayout plain;
+  std::vector<int> entries;
+  for (const auto& block : recorded.blocks) {
+    if (block.picture.height > 0) continue;
+    plain.Add(block.name, block.size);
+    for (int i = 0; i < block.size; ++i) entries.push_back(block.offset + i);
+  }
+  std::vector<core::Trajectory> beside(demonstrations.size());
+  for (std::size_t d = 0; d < beside.size(); ++d) {
+    beside[d].states = demonstrations[d].states(Eigen::all, entries);
+    beside[d].controls = demonstrations[d].controls;
+  }
+  for (const core::Rotation& r : core::FindRotations(plain, beside)) {
+    if (r.kind != core::Rotation::Kind::kAngle) continue;
+    const int entry = entries[static_cast<std::size_t>(r.first)];
+    periods[static_cast<std::size_t>(entry)] = r.period;
   }
   EachAngle([&](int entry, double period) {
     const auto& own = *std::ranges::find_if(

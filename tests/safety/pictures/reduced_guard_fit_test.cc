@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <cstdint>
+#include <numbers>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -110,6 +111,27 @@ TEST(ReducedGuardFitTest, ACallbackStopsTheChoiceOfComponents) {
     EXPECT_EQ(GuardModel::Fit(PictureLayout(), demonstrations, options), nullptr);
     EXPECT_EQ(calls, last) << "called again after the stop";
   }
+}
+
+// An angle beside a picture need not be a feature: targets of its axis still take the short way.
+TEST(ReducedGuardFitTest, AnAngleBesideAPictureHasAPeriod) {
+  core::Random random(4);
+  core::StateLayout layout = PictureLayout();
+  layout.Add("yaw", 1);
+  std::vector<core::Trajectory> demonstrations = PictureDemonstrations(1, 12);
+  for (core::Trajectory& d : demonstrations) {
+    const Eigen::Index last = d.states.cols();
+    d.states.conservativeResize(Eigen::NoChange, last + 1);
+    for (Eigen::Index t = 0; t < d.states.rows(); ++t) {
+      const double yaw = 2.6 + 0.1 * static_cast<double>(t) + 0.02 * random.Normal();
+      d.states(t, last) = std::remainder(yaw, 2.0 * std::numbers::pi);
+    }
+  }
+  const auto model = GuardModel::Fit(layout, demonstrations,
+                                     {.features = "pca:camera:2:light=none", .accept_any = true});
+  std::vector<double> expected(static_cast<std::size_t>(layout.state_dim()), 0.0);
+  expected.back() = 2.0 * std::numbers::pi;
+  EXPECT_EQ(model->Periods(), expected);
 }
 
 TEST(ReducedGuardFitTest, PointsAreFeaturesOfAGuard) {

@@ -257,7 +257,7 @@ class GuardModel {
   /// 1e6 periods from zero, which no robot reports; -1 if there is none. Real-time safe.
   [[nodiscard]] int FindImmeasurableAngle(std::span<const double> task_state) const noexcept;
   /// Returns the period of each entry of a state of layout() that is an angle with jumps; 0 for
-  /// other entries. If the state has pictures, only the requested features are known.
+  /// other entries, and in pictures.
   [[nodiscard]] const std::vector<double>& Periods() const noexcept { return periods_; }
   /// Returns the map from a state of task() to the context of demonstrated controls: entries that
   /// only the unsteered entries of an action move. Null: none.
