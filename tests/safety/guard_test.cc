@@ -282,6 +282,8 @@ TEST(GuardTest, UnitsOfEntriesDoNotMatterAndThePolicySetsTheGripper) {
     Guard guard(GuardModel::Fit(test::CorridorLayout(), WithGripper(scale), {.features = "tip"}));
     ASSERT_EQ(guard.model().actions().steered_dim(), 2);
     EXPECT_FALSE(guard.model().actions().entries()[2].steered);
+    EXPECT_THAT(Warnings(guard.model()),
+                testing::Contains(testing::HasSubstr("closes: 2 (-1, 1).")));
     Guard plain(Model());
     guard.Reset(1);
     plain.Reset(1);

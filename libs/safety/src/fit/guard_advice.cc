@@ -4,6 +4,7 @@
 #include <numeric>
 #include <utility>
 
+#include "dfr/control/response/few_values.h"
 #include "dfr/control/response/response_estimate.h"
 #include "dfr/core/features/absolute_actions.h"
 #include "dfr/core/numerics/linear_algebra.h"
@@ -45,9 +46,8 @@ std::vector<std::string> Warnings(const GuardModel& model) {
     warnings.push_back(core::Format(
         "only %.0f %% of the states of left-out demonstrations are inside, and even a good policy "
         "will be corrected: record more demonstrations, use features relative to objects and "
-        "goals, "
-        "leave out entries that the task does not need, or use every k-th state if demonstrations "
-        "are long or differ in pace",
+        "goals, leave out entries that the task does not need, or use every k-th state if "
+        "demonstrations are long or differ in pace",
         100.0 * summary.acceptance));
   }
   if (summary.changed > fit::kMostChanged || summary.ends_outside > fit::kMostOutside) {
@@ -97,13 +97,11 @@ std::vector<std::string> Warnings(const GuardModel& model) {
         "will meet, and mix them",
         -summary.drift_level, -settings.alarm_level));
   }
-  std::string passed;
   for (std::size_t i = 0; i < model.actions().entries().size(); ++i) {
     const ActionEntry& entry = model.actions().entries()[i];
     const double limit = settings.action_limit[i];
-    if (!entry.steered && limit > 0.0) {
-      passed.append(passed.empty() ? "" : ", ").append(std::to_string(i));
-    } else if (limit > fit::kMostOvershoot * entry.largest) {
+    if (!entry.steered && limit > 0.0) continue;  // FitWarnings() names it.
+    if (limit > fit::kMostOvershoot * entry.largest) {
       warnings.push_back(
           core::Format("entry %zu of an action may reach %.3g, but demonstrations reach only %.3g: "
                        "set an action limit",
@@ -122,16 +120,33 @@ std::vector<std::string> Warnings(const GuardModel& model) {
                      "a larger horizon",
                      settings.horizon, longest));
   }
-  if (!passed.empty()) {
-    warnings.push_back("entries " + passed +
-                       " of an action have few demonstrated values: the guard passes the policy's "
-                       "values and steers only by the other entries");
-  }
   warnings.insert(warnings.end(), summary.fit_warnings.begin(), summary.fit_warnings.end());
   return warnings;
 }
 
 namespace {
+
+// Describes the entries of an action that the guard passes, with their values; "" if there are
+// none.
+std::string DescribePassed(const GuardModel& model,
+                           std::span<const core::Trajectory> demonstrations) {
+  std::string passed;
+  for (std::size_t i = 0; i < model.actions().entries().size(); ++i) {
+    if (model.actions().entries()[i].steered || !(model.settings().action_limit[i] > 0.0)) continue;
+    control::FewValues few;
+    for (const core::Trajectory& d : demonstrations) {
+      for (const double value : d.controls.col(static_cast<Eigen::Index>(i))) few.Add(value);
+    }
+    std::string list;
+    for (const double value : few.values()) {
+      list += core::Format("%s%.3g", list.empty() ? "" : ", ", value);
+    }
+    passed += core::Format("%s%zu (%s)", passed.empty() ? "" : ", ", i, list.c_str());
+  }
+  if (passed.empty()) return passed;
+  return "entries of an action have few demonstrated values, as a gripper that opens or closes: " +
+         passed + ". The guard passes the policy's values and steers only by the other entries";
+}
 
 // Describes features that are copies or linear functions of others; "" if there are none.
 std::string DescribeRepeated(const GuardModel& model,
@@ -291,10 +306,10 @@ std::vector<std::string> FitWarnings(const GuardModel& model,
         "outside: leave such entries out of the features, except objects that move by themselves");
   }
   for (std::string fault :
-       {internal::DescribeCopies(demonstrations), DescribeRepeated(model, demonstrations),
-        internal::DescribeDelay(model, ordered), internal::DescribeRest(model, steady),
-        internal::DescribeJumps(model, demonstrations), internal::DescribeLargest(demonstrations),
-        internal::DescribeGoals(model, steady)}) {
+       {DescribePassed(model, demonstrations), internal::DescribeCopies(demonstrations),
+        DescribeRepeated(model, demonstrations), internal::DescribeDelay(model, ordered),
+        internal::DescribeRest(model, steady), internal::DescribeJumps(model, demonstrations),
+        internal::DescribeLargest(demonstrations), internal::DescribeGoals(model, steady)}) {
     if (!fault.empty()) warnings.push_back(std::move(fault));
   }
   const Changes changes = JudgeChanges(model, ordered);

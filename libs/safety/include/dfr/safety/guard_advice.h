@@ -14,12 +14,13 @@ namespace dfr::safety {
 /// Returns reasons not to use a guard, each with its remedy: too few demonstrations to separate
 /// modes; left-out demonstrations whose states or predictions are mostly outside, whose actions the
 /// guard would change, or whose actions the features do not determine; an alarm level far outside;
-/// recording conditions that drift; an action limit or a horizon unlike demonstrations; entries of
-/// an action that are not steered; and GuardSummary::fit_warnings.
+/// recording conditions that drift; an action limit or a horizon unlike demonstrations; and
+/// GuardSummary::fit_warnings.
 [[nodiscard]] std::vector<std::string> Warnings(const GuardModel& model);
-/// Returns GuardSummary::fit_warnings: features that only follow a clock or repeat others,
-/// rotations that jump, actions that take effect later or explain little of the change of features,
-/// and robots that rest under ordinary actions. A fit adds a warning about omitted features.
+/// Returns GuardSummary::fit_warnings: entries of an action that are not steered, features that
+/// only follow a clock or repeat others, rotations that jump, actions that take effect later or
+/// explain little of the change of features, and robots that rest under ordinary actions. A fit
+/// adds a warning about omitted features.
 [[nodiscard]] std::vector<std::string> FitWarnings(
     const GuardModel& model, std::span<const core::Trajectory> demonstrations);
 
