@@ -97,7 +97,11 @@ TEST_F(LedgerReaderTest, RoundingOfAnotherInstructionSetIsNoOtherResult) {
     return test::MessageOf([&] { MergeLedgers({ledger, other}, folder / "whole.jsonl"); });
   };
   EXPECT_EQ(merge_with(1.0 + 1e-15), "nothing thrown");
-  EXPECT_THAT(merge_with(1.0 + 1e-6), HasSubstr("has results of trial 0"));
+  const std::string instructions = ReadLedger(ledger).records.at(0).instructions;
+  EXPECT_NE(instructions, "");
+  EXPECT_THAT(merge_with(1.0 + 1e-6),
+              AllOf(HasSubstr("has results of trial 0"),
+                    HasSubstr("(" + instructions + " here, " + instructions + " there)")));
   const auto rerun_with = [&](double factor) {
     ExperimentOptions options;
     options.out = folder;

@@ -23,6 +23,7 @@
 #include "dfr/core/build_info.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
+#include "hwy/targets.h"
 #include "ledger/ledger_file.h"
 #include "ledger/ledger_line.h"
 
@@ -42,6 +43,12 @@ void CheckNames(const char* what, const std::vector<std::string>& names) {
 }
 
 std::uint64_t Step(int value) { return static_cast<std::uint64_t>(value); }
+
+// Returns the set that Highway chooses; better sets have lower bits.
+std::string InstructionSet() {
+  const std::int64_t sets = hwy::SupportedTargets();
+  return hwy::TargetName(sets & -sets);
+}
 
 std::string HostName() {
   std::array<char, 256> name{};
@@ -162,6 +169,7 @@ std::vector<UnitResult> Evaluate(const EvaluationPlan& plan, const MakeTrialRunn
   std::atomic<std::size_t> done{0};
   std::mutex mutex;  // protects error and ledger
   const std::string host = HostName();
+  const std::string instructions = InstructionSet();
   const auto work = [&] {
     while (!stop && (options.stop == nullptr || !*options.stop)) {
       const std::size_t k = next++;
@@ -174,7 +182,7 @@ std::vector<UnitResult> Evaluate(const EvaluationPlan& plan, const MakeTrialRunn
         const std::chrono::duration<double> wall = std::chrono::steady_clock::now() - begin;
         const std::lock_guard lock(mutex);
         if (ledger) {
-          ledger->Append({result, host, wall.count(), std::time(nullptr)});
+          ledger->Append({result, host, wall.count(), std::time(nullptr), instructions});
         }
         results[i] = std::move(result);
         ++done;

@@ -71,6 +71,7 @@ void MergeLedgers(const std::vector<std::filesystem::path>& shards,
     std::uint64_t fingerprint;
     std::filesystem::path from;
     std::string text;
+    std::string instructions;
   };
   std::map<internal::UnitKey, Line> lines;
   for (const std::filesystem::path& path : shards) {
@@ -92,12 +93,14 @@ void MergeLedgers(const std::vector<std::filesystem::path>& shards,
       const std::string text = UnitLine(record, identity);
       const EvaluationUnit& unit = record.result.unit;
       const std::uint64_t fingerprint = Fingerprint(record);
-      const auto [found, added] = lines.try_emplace(KeyOf(unit), Line{fingerprint, path, text});
+      const auto [found, added] =
+          lines.try_emplace(KeyOf(unit), Line{fingerprint, path, text, record.instructions});
       if (added) continue;
       if (found->second.fingerprint != fingerprint) {
         Fail(path, "has results of " + NameOf(unit) + " that differ from those in " +
                        found->second.from.string() +
-                       "; run one of the two again with the same build and instruction set");
+                       "; run one of the two again with the same build and instruction set (" +
+                       record.instructions + " here, " + found->second.instructions + " there)");
       }
       // Only times and rounding differ: any order of the shards must give the same file.
       found->second.text = std::min(found->second.text, text);

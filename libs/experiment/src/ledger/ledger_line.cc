@@ -131,7 +131,8 @@ Json ToJson(const LedgerRecord& record) {
           {"episodes", episodes},
           {"host", record.host},
           {"wall_s", record.wall_s},
-          {"finished", record.finished}};
+          {"finished", record.finished},
+          {"instructions", record.instructions}};
 }
 
 core::Outcome OutcomeOf(char letter) {
@@ -192,6 +193,7 @@ LedgerRecord RecordFrom(const Json& json, const EvaluationPlan& plan) {
   record.host = json.at("host");
   record.wall_s = json.at("wall_s");
   record.finished = json.at("finished");
+  record.instructions = json.value("instructions", "unknown");
   CheckUnit(result.unit, plan);
   CheckStarts(result, plan);
   const auto count = static_cast<std::size_t>(plan.episodes);

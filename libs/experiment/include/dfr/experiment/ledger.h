@@ -25,6 +25,9 @@ struct LedgerRecord {
   std::string host;
   double wall_s = 0.0;        ///< Duration of the unit on one thread.
   std::int64_t finished = 0;  ///< Time of completion, seconds since 1970, UTC.
+  /// Widest instruction set of the machine, such as "AVX2", which decides the rounding; "unknown"
+  /// in older files.
+  std::string instructions = "unknown";
 };
 
 struct LedgerContents {
