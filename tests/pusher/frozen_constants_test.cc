@@ -98,6 +98,7 @@ std::map<std::string, double> InTheCode() {
           {"guided::kLeadsAway", control::guided::kLeadsAway},
           {"guided::kMostAway", control::guided::kMostAway},
           {"guided::kLocalReach", control::guided::kLocalReach},
+          {"guided::kClearSign", control::guided::kClearSign},
           {"guided::kUnknown", control::guided::kUnknown},
           {"guided::kMaxExitLevel", control::guided::kMaxExitLevel},
           {"StateObserver::kMaxLag", control::StateObserver::kMaxLag},

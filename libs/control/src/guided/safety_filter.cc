@@ -88,22 +88,34 @@ bool SafetyFilter::Rests(const LocalFit& fit) const noexcept {
          fit.drift().squaredNorm() <= guided::kRestDrift * guided::kRestDrift * effect;
 }
 
+bool SafetyFilter::KeepSigns(const Eigen::VectorXd& other, Eigen::VectorXd& v) const noexcept {
+  bool changed = false;
+  for (Eigen::Index k = 0; k < v.size(); ++k) {
+    const double least = std::min(std::abs(from_[k]), std::abs(other[k]));
+    const bool shared = least > guided::kClearSign && from_[k] * other[k] > 0.0;
+    if (!shared || !(v[k] * from_[k] < 0.0)) continue;
+    v[k] = std::copysign(least, from_[k]);
+    changed = true;
+  }
+  return changed;
+}
+
 // AscendSupport() extrapolates J. An entry moves less if demonstrations disagree on its effect, or
 // never make large movements nearby. Farther outside, a recovery may need larger ones.
 double SafetyFilter::Raise(LocalFit& fit, const LocalModel& model, const StepTarget& target,
-                           Eigen::VectorXd& v) noexcept {
+                           const Eigen::VectorXd* other, Eigen::VectorXd& v) noexcept {
   from_ = v;
   const double level = AscendSupport(model, target, limits_, v);
   if (!least_) return level;
-  bool changed = false;
+  bool changed = level < 0.0 && other != nullptr && !Rests(fit) && KeepSigns(*other, v);
+  bool near = false;
   for (Eigen::Index k = 0; k < v.size(); ++k) {
     const double most = guided::kLocalReach * fit.DemonstratedSize(k);
     const double limited = std::clamp(v[k], std::min(from_[k], -most), std::max(from_[k], most));
     if (limited == v[k]) continue;
     // Evaluates the support once, and only if an entry is beyond its limit.
-    if (!changed && !(task_.support().LogDecision(target.phase - 1, fit.z(), {}) >= -pass_depth_)) {
-      break;
-    }
+    near = near || task_.support().LogDecision(target.phase - 1, fit.z(), {}) >= -pass_depth_;
+    if (!near) break;
     changed = true;
     v[k] = limited;
   }
@@ -133,13 +145,13 @@ SafetyFilter::Choice SafetyFilter::Correct(LocalFit& fit, const LocalModel& mode
     limits_.Snap(trial_);
     limits_.Limit(trial_);
     demonstrated_ = trial_;
-    demonstrated = Raise(fit, model, {next, last ? kInside : target.level}, trial_);
+    demonstrated = Raise(fit, model, {next, last ? kInside : target.level}, &learned_, trial_);
     if (demonstrated >= 0.0) {
       v = trial_;
       return {Mode::kRecovery, demonstrated};
     }
   }
-  const double filtered = Raise(fit, model, target, v);
+  const double filtered = Raise(fit, model, target, known ? &demonstrated_ : nullptr, v);
   if (filtered >= 0.0) return {Mode::kPolicy, filtered};
   const double raised = std::max(demonstrated, filtered);
   if (known && (last || raised < -max_exit_level_)) {

@@ -112,6 +112,10 @@ inline constexpr int kAgreementStride = 8;
 /// entry beyond this multiple of the root mean square of its demonstrated values nearby. In
 /// contact, for example, demonstrations move less than elsewhere, and J is a mean over both.
 inline constexpr double kLocalReach = 3.0;
+/// SafetyFilter: in a world that moves by itself, an ascent that ends outside reverses no entry in
+/// which the learned and the demonstrated control agree in sign, and both exceed this multiple of
+/// an ordinary control. A later control could not undo such a reversal.
+inline constexpr double kClearSign = 0.1;
 /// SafetyFilter: a direction of control counts as unknown if the largest eigenvalue of A^-1 exceeds
 /// this value. Measurements in this direction then weigh less than a fifth of an ordinary control.
 inline constexpr double kUnknown = 5.0;

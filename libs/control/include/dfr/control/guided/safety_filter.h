@@ -47,11 +47,15 @@ class SafetyFilter {
 
  private:
   /// Raises `v` by AscendSupport(). With least intervention, guided::kLocalReach limits entries,
-  /// and entries that change by more than guided::kLeastHedged make only the fraction
-  /// LocalFit::Agreement() of their change. `v` stays unchanged if this lowers its level.
+  /// entries that change by more than guided::kLeastHedged make only the fraction
+  /// LocalFit::Agreement() of their change, and entries keep a sign that they share with `other`
+  /// (guided::kClearSign; nullptr: none). `v` stays unchanged if this lowers its level.
   /// @returns the predicted level of `v`.
   double Raise(LocalFit& fit, const LocalModel& model, const StepTarget& target,
-               Eigen::VectorXd& v) noexcept;
+               const Eigen::VectorXd* other, Eigen::VectorXd& v) noexcept;
+  /// Sets entries of `v` that a raise has reversed to the nearer of the two controls whose sign
+  /// they had. @returns true if it changed `v`.
+  bool KeepSigns(const Eigen::VectorXd& other, Eigen::VectorXd& v) const noexcept;
   [[nodiscard]] Choice Correct(LocalFit& fit, const LocalModel& model, const StepTarget& target,
                                Eigen::VectorXd& v) noexcept;
   /// Returns true if the drift of the features is small, and no model of a disturbance is active.
