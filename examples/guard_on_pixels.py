@@ -22,7 +22,7 @@ COLUMNS, ROWS = np.meshgrid(CENTRES, CENTRES)
 
 
 def picture(state, rng):
-    """Returns a grey picture (1024,) of the state [x, y, gap], with noise and light that varies by 20 %."""
+    """Returns a grey picture (1024,) of the state [x, y, gap], with noise, in light that varies by 20 %."""
     x, y, gap = state
     disc = np.clip((RADIUS - np.hypot(COLUMNS - x, ROWS - y)) * SIDE + 0.5, 0, 1)
     wall = np.clip((0.03 - abs(COLUMNS - WALL)) * SIDE + 0.5, 0, 1)
