@@ -203,7 +203,7 @@ def check_out(commit):
 
 
 def copy_changes(commit, tree):
-    """Copies to `tree`, a worktree with `commit`, each file of SOURCES that differs in ROOT."""
+    """Makes `tree`, a worktree of `commit`, equal to ROOT in SOURCES: copies or deletes each file that differs."""
     names = git("diff", "--no-renames", "--name-only", "-z", commit, "--", *SOURCES)
     names += git("ls-files", "--others", "--exclude-standard", "-z", "--", *SOURCES)
     for name in filter(None, names.split("\0")):

@@ -23,7 +23,7 @@ class Progress final : public control::RolloutObserver {
       : tracker_(support), last_(support.num_steps() - 1) {}
   void OnStart(std::span<const double> x) override { Follow(x); }
   void OnControl(const control::RolloutEvent& event) override { Follow(event.next_x); }
-  // Progress as a fraction of the last time step.
+  // Returns the last phase reached, as a fraction of the last time step.
   [[nodiscard]] double share() const {
     return last_ > 0 ? static_cast<double>(reached_) / static_cast<double>(last_) : 1.0;
   }

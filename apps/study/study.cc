@@ -72,7 +72,7 @@ class Units {
     }
     places_ = Places(study.conditions, tasks_, plan_.learners);
     if (places_.empty()) {
-      throw apps::UsageError("--conditions: none of the chosen tasks has the conditions " +
+      throw apps::UsageError("--conditions: none of the chosen tasks has any of the conditions " +
                              Join(study.conditions) + "; choose other tasks or conditions");
     }
     for (const std::string& name : study.controllers) {

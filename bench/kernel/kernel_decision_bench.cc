@@ -123,8 +123,8 @@ class DecisionCase {
     Report("batch", RunContest(contestants, kQueries, options), results);
   }
 
-  // Measures one query with cold caches by the wall clock: the median of many rounds. A call that
-  // only reads the query gives the time of a cold call without a decision.
+  // Measures the wall time of one query with cold caches: the median of many rounds. An "empty"
+  // call only reads the query; its time is the overhead of a cold call.
   void Cold(const ContestOptions& options, std::vector<CaseResult>& results) const {
     std::vector<char> other(std::size_t{48} << 20, 1);
     std::vector<Entrant> entrants = entrants_;

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def _work(experiment: Experiment, seed: int, methods: list[str], connection: Any, others: list[Any]) -> None:
     """Run a worker process, which answers requests until the connection ends."""
-    for other in others:  # copies due to fork would keep connections open
+    for other in others:  # a copy inherited by fork would keep the connection open
         other.close()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):  # schedulers send these to all processes
         signal.signal(number, signal.SIG_IGN)

@@ -235,7 +235,7 @@ class Memory(unittest.TestCase):
         """Decisions about 40 MB of states allocate no second 40 MB."""
         script = """
             import resource, sys
-            sys.modules["sklearn"] = None  # takes longest to import
+            sys.modules["sklearn"] = None  # blocks the slowest import
             import numpy as np
             import dfr
             svm = dfr.OneClassSVM().fit(np.random.default_rng(0).normal(size=(50, 50)))
@@ -287,7 +287,7 @@ class Threads(unittest.TestCase):
     def test_other_threads_run_during_calls_and_ctrl_c_stops_a_fit(self):
         script = """
             import os, select, signal, sys, threading
-            sys.modules["sklearn"] = None  # takes longest to import
+            sys.modules["sklearn"] = None  # blocks the slowest import
             import numpy as np
             import dfr
             sys.setswitchinterval(1000)  # no thread has to give up the interpreter's lock

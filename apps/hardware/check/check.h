@@ -68,7 +68,7 @@ struct CheckOptions {
 /// Checks the pictures of a given endoscope, and their size against `camera`. Adds the findings.
 void LookAt(const CheckOptions& options, const hardware::EndoscopeOptions& camera,
             hardware::Endoscope& endoscope, DeviceReport& report);
-/// Returns the state of the emergency stop at this time of a monotonic clock, ns.
+/// Returns the state of the emergency stop at a time of the monotonic clock, ns.
 using StopState = std::function<StopLook(std::int64_t steady_ns)>;
 
 /// Checks the port of the Stewart platform, and moves the platform on request.

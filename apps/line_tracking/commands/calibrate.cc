@@ -35,7 +35,7 @@ line_task::LineCalibration Guess(const RobotConfig& config) {
   if (config.intrinsics.empty()) {
     throw std::runtime_error(config.file.string() +
                              ": camera.intrinsics is not set, but a robot's calibration needs it. "
-                             "Name the file of OpenCV's or ROS' camera calibration");
+                             "Set it to a camera calibration file written by OpenCV or ROS");
   }
   line_task::LineCalibration guess = sim::NominalCalibration();
   const Eigen::Isometry3d p_world_cam =

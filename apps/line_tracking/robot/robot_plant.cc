@@ -425,7 +425,7 @@ vision::CalibrationFrame RobotPlant::CaptureCalibrationFrame() {
   static_cast<void>(i.ObserveIdle(none, true));
   const PsmJoints joints = i.driver.client().measured_js().position;
   if (!((i.task.Tip(joints) - before).norm() <= kStill))
-    throw std::runtime_error("the arm moves; hold it still");
+    throw std::runtime_error("the arm is moving; hold it still");
   const ImageAnswer& answer = i.camera.last();
   if (answer.marks_px.empty()) throw std::runtime_error("the marks are not visible in the picture");
   if (!answer.tip_px.allFinite()) throw std::runtime_error("the tip is not visible in the picture");

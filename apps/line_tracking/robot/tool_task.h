@@ -28,7 +28,8 @@ class ToolTask final : public robot::Task {
     if (!task_->Reading(command_m_ + step, joints_)) return std::nullopt;
     command_m_ += step;
     change_mm_ = {1e3 * step.x(), 1e3 * step.y()};
-    // An upright tool may differ from its joints by rounding: even a control of zero then moves it.
+    // The joints of an upright tool may differ from the set-point by rounding. Even a zero control
+    // then causes a motion.
     const hardware::PsmClient& client = driver_->client();
     const double shortest_s = joints_ == client.setpoint() ? 0.0 : client.options().longest_step_s;
     const double duration_s = std::max(step.norm() / speed_m_s_, shortest_s);

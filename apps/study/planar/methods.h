@@ -47,7 +47,7 @@ inline constexpr std::array<std::string_view, 10> kPlanarMethods = {"certified-d
                                                                     "dart",
                                                                     "dagger"};
 
-/// Support that a method uses.
+/// Support of a method: of unscaled states, or of whitened features.
 enum class SupportKind { kRaw, kGuided };
 /// @throws std::invalid_argument for a name with a support, such as "dfr/density".
 [[nodiscard]] SupportKind SupportOf(std::string_view method);

@@ -87,7 +87,7 @@ void RunAgain(const EvaluationPlan& plan, const MakeTrialRunner& make,
     std::cout << core::Printable(
         core::Format("%-22s %s\n", names[i].c_str(), DescribeEnd(result).c_str()));
     result.seconds = recorded.result.seconds;
-    // Another instruction set sums in another order.
+    // The order of summation depends on the instruction set.
     const double change = recorded.result.change;
     if (std::abs(result.change - change) <= 1e-9 * (1.0 + change)) result.change = change;
     if (names[i] == recorded.id.method && result != recorded.result) {

@@ -114,7 +114,7 @@ class TrueJacobianFilter final : public Stepwise {
         jacobian_(z_.size(), plant.control_dim()) {}
 
  private:
-  static constexpr double kDifference = 1e-3;  // in a control entry, whose range is +-1
+  static constexpr double kDifference = 1e-3;  // Step of finite differences, in units of controls.
   static constexpr int kIterations = 6;
 
   control::HaltCause Decide(int t, std::span<const double> x, std::span<double> u,

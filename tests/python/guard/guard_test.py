@@ -304,7 +304,7 @@ class ExitTest(unittest.TestCase):
             for name, call in calls.items():
                 script = f"""
                     import sys
-                    sys.modules["sklearn"] = None  # takes longest to import
+                    sys.modules["sklearn"] = None  # blocks the slowest import
                     sys.path[:0] = [{str(pathlib.Path(__file__).parent)!r}]
                     import threading
                     import dfr

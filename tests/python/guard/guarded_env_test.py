@@ -102,7 +102,7 @@ class GuardedEnvTest(unittest.TestCase):
         """Runs with a stand-in for gymnasium.Wrapper, checked against Gymnasium 1.2."""
         script = f"""
             import pickle, sys
-            sys.modules["sklearn"] = None  # takes longest to import
+            sys.modules["sklearn"] = None  # blocks the slowest import
             sys.path[:0] = [{str(pathlib.Path(__file__).parent / "stand_ins")!r}, {str(pathlib.Path(__file__).parent)!r}]
             import gymnasium
             import numpy as np

@@ -328,7 +328,7 @@ class ContractTest(unittest.TestCase):
         folder = pathlib.Path(__file__).parent
         script = f"""
             import sys
-            sys.modules["sklearn"] = None  # takes longest to import
+            sys.modules["sklearn"] = None  # blocks the slowest import
             sys.path[:0] = [{str(folder / "stand_ins")!r}, {str(folder)!r}]
             import dfr
             assert not any(name.startswith("lerobot") for name in sys.modules)  # import dfr stays light

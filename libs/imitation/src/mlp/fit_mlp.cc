@@ -17,7 +17,7 @@ using core::Matrix;
 // Purposes of the random streams.
 enum FitStream : std::uint64_t { kFitWeights, kFitShuffle };
 
-// Ceres keeps the whole Jacobian in memory.
+// Maximum size of the Jacobian. Ceres keeps all of it in memory.
 constexpr double kMostJacobianBytes = 2e9;
 
 void CheckOptions(const FitMlpOptions& o) {

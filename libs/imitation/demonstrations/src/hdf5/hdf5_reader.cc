@@ -150,7 +150,7 @@ void Serve(int socket, const std::filesystem::path& path, std::uint64_t file_siz
       try {
         if (!file) {
           file.emplace(Hdf5File::Open(path));
-          // Prevents the file from opening any other file.
+          // Prevents HDF5 from opening any other file, such as the target of an external link.
           const rlimit none{0, 0};
           setrlimit(RLIMIT_NOFILE, &none);
           answer = std::string(1, kGood);

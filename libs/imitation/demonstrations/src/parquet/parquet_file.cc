@@ -115,7 +115,7 @@ class FooterParser {
       }
     });
     if (group.chunks.size() != file_->leaves_.size()) {
-      throw Malformed("has a row group whose columns differ from its schema");
+      throw Malformed("has a row group whose columns differ from the file's schema");
     }
     if (group.num_rows < 0) throw Malformed("declares a negative number of rows");
     // A run of equal values takes a few bytes for any length, and row groups may share bytes.

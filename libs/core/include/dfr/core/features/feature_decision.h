@@ -31,7 +31,7 @@ class FeatureDecision final : public LogDecisionFunction {
   }
 
  private:
-  // Applies the chain rule: converts a gradient with respect to z to one with respect to x, at x.
+  // Applies the chain rule at `x`: converts a gradient with respect to z to one with respect to x.
   void Pull(std::span<const double> x, std::span<const double> inner,
             std::span<double> gradient) const noexcept;
 

@@ -74,7 +74,7 @@ class FeatureSelection {
   [[nodiscard]] int num_features() const noexcept { return static_cast<int>(indices_.size()); }
   /// Returns the entry of each feature. The entry of a StateMap::Circle occurs twice in a row.
   [[nodiscard]] const std::vector<int>& indices() const noexcept { return indices_; }
-  /// Returns the parsed text; empty for All().
+  /// Returns the `spec` from which Of() made this selection; empty for All().
   [[nodiscard]] const std::string& spec() const noexcept { return spec_; }
   /// Returns the map that makes states continuous before their features are taken.
   [[nodiscard]] const StateMap& map() const noexcept { return map_; }

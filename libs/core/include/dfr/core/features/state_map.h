@@ -65,8 +65,9 @@ class StateMap {
 
   /// Returns the mapped value of one entry.
   [[nodiscard]] double Value(std::span<const double> state, int entry) const noexcept;
-  /// Returns the derivative of Value() with respect to the entry: 1 or -1, divided by the length of
-  /// a quaternion. Motions of a quaternion do not change its length.
+  /// Returns the derivative of Value() with respect to the entry: 1, or for an entry of a
+  /// quaternion 1 or -1 divided by the quaternion's length. Neglects the derivative of this length,
+  /// because rotations do not change it.
   [[nodiscard]] double Slope(std::span<const double> state, int entry) const noexcept;
   /// Maps a state in place.
   void Apply(std::span<double> state) const noexcept;
