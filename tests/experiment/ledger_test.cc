@@ -416,7 +416,7 @@ TEST_F(MergeTest, EpisodesOfShardsAreThoseOfOneRunAndCountOnce) {
   EXPECT_THAT(test::MessageOf([&] {
                 (void)printed({first, Run(2, 2, FakePlan(), "7")});
               }),
-              testing::AllOf(HasSubstr("2of2.jsonl: belongs to another run than"),
+              testing::AllOf(HasSubstr("2of2.jsonl: does not belong to the run of"),
                              HasSubstr("name the folder of one run")));
 }
 

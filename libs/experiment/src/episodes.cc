@@ -204,7 +204,7 @@ void PrintEpisodes(const std::vector<std::filesystem::path>& ledgers, const Epis
     }
     const std::string difference = Difference(*first, contents.header);
     if (!difference.empty()) {
-      throw std::runtime_error(path.string() + ": belongs to another run than " +
+      throw std::runtime_error(path.string() + ": does not belong to the run of " +
                                first_path.string() + ": " + difference +
                                " (now: in this ledger); name the folder of one run");
     }

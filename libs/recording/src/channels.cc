@@ -36,7 +36,7 @@ constexpr std::uint8_t kWarn = 30;  // level of rcl_interfaces/Log
 #define DFR_TIME DFR_SEPARATOR "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
 
 constexpr std::string_view kStepSchema =
-    "# One decision of a control loop: what it saw, what it chose, and on what grounds.\n"
+    "# One decision of a control loop: its inputs, the chosen command and the reasons.\n"
     "builtin_interfaces/Time stamp\n"
     "uint64 episode\n"
     "uint64 seed         # of the controller in this episode\n"

@@ -281,7 +281,7 @@ std::unique_ptr<const core::Policy> TrainDart(const Expert& teaching, const core
             }));
   }
   covariance /= std::max(1, pairs);
-  // Regularization keeps the covariance positive definite.
+  // Regularisation keeps the covariance positive definite.
   covariance.diagonal().array() += 1e-12;
   const Eigen::MatrixXd root = covariance.llt().matrixL();
   Eigen::VectorXd noise(m);

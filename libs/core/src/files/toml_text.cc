@@ -94,12 +94,12 @@ constexpr const char* WhatIsNeeded(Next next) noexcept {
       return "a line must begin with a name, as in  speed = 0.005, or with a table, as in  [arm]";
     case Next::kName:
     case Next::kNameOrEnd:
-      return "there must be a name: letters, digits, - and _, or a text in quotes";
+      return "there must be a name: letters, digits, - and _, or a string in quotes";
     case Next::kAfterName:
       return "a name must be followed by = and a value, and a table's name by the brackets that "
              "it began with, on the same line";
     case Next::kValue:
-      return "there must be a value: a decimal number, true, false, a text in quotes, a list in "
+      return "there must be a value: a decimal number, true, false, a string in quotes, a list in "
              "[ ] or a table in { }";
     case Next::kEnd:
       break;

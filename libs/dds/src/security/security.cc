@@ -70,7 +70,7 @@ std::string CheckSigned(const std::filesystem::path& file, const std::filesystem
   if (good != 1) {
     static_cast<void>(internal::Complaint());
     Wrong(file,
-          "was changed after it was signed, or signed by another authority than '" +
+          "was changed after it was signed, or signed by an authority other than '" +
               internal::CommonName(ca) + "' of " + ca_file.string(),
           kRemake);
   }

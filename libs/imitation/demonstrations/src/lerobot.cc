@@ -131,7 +131,7 @@ class LeRobotReader final : public DemonstrationReader {
         version != info.end() && version->is_string() ? version->get<std::string>() : "";
     if (!text.starts_with("v2.") && !text.starts_with("v3.")) {
       Fail(file, "codebase_version is '" + text +
-                     "'; v2.0 to v3.0 can be read. Convert it with LeRobot's scripts");
+                     "'; v2.0 to v3.0 can be read. Convert the dataset with LeRobot's scripts");
     }
     if (const auto robot = info.find("robot_type"); robot != info.end() && robot->is_string()) {
       environment_ = robot->get<std::string>();
@@ -416,7 +416,7 @@ class LeRobotReader final : public DemonstrationReader {
   bool has_success_ = false;
   bool has_frames_ = false;
   std::vector<std::filesystem::path> files_;
-  std::uint64_t bytes_ = 0;  // of all files
+  std::uint64_t bytes_ = 0;  // total size of all files
   std::vector<std::string> names_;
   std::vector<std::int64_t> numbers_;
   std::vector<std::vector<Part>> episodes_;

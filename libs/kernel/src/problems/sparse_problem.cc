@@ -15,7 +15,8 @@ namespace {
 constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
 
 constexpr std::size_t kMargin = 256;
-constexpr std::size_t kMostViolators = 2048;  // or n / 16 if that is larger
+// Limit on violators in the active set; n / 16 if that is larger.
+constexpr std::size_t kMostViolators = 2048;
 // The inner loop ends at the larger of kTarget times the tolerance and kInner times the gap.
 constexpr double kTarget = 0.7;
 constexpr double kInner = 0.05;

@@ -12,7 +12,7 @@ namespace dfr::kernel::internal {
 using StatesView = Eigen::Map<const core::Matrix>;
 [[nodiscard]] std::vector<StatesView> Views(std::span<const core::Matrix> demonstrations);
 
-/// @throws std::invalid_argument naming the demonstration that is empty, of another width than the
+/// @throws std::invalid_argument naming the demonstration that is empty, of a width other than the
 ///   first, or not finite.
 void CheckDemonstrations(std::span<const StatesView> demonstrations);
 

@@ -95,8 +95,7 @@ inline constexpr int kMostRelocations = 2;
 /// an ordinary control, it gains little, and the changed control would still not pass. kIdleAtRest
 /// applies instead if the world rests and the learned control does not lower the level: waiting
 /// then costs nothing. The world rests if no model of a disturbance is active and the drift of the
-/// features is at most kRestDrift times the root mean square effect of an ordinary control on an
-/// entry.
+/// features is at most kRestDrift times the root mean square effect of an ordinary control.
 inline constexpr double kIdle = 0.5;
 inline constexpr double kIdleAtRest = 1.5;
 inline constexpr double kRestDrift = 0.3;

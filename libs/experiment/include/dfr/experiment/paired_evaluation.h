@@ -31,8 +31,8 @@ struct EvaluationPlan {
   std::uint64_t seed = 0;
   /// Evaluate() fails after this many consecutive rejected start states.
   int max_redraws = 10'000;
-  /// Methods that run another policy than the reference. They have no share of passed controls and
-  /// no verdict.
+  /// Methods that run a policy other than the reference's. They have no share of passed controls
+  /// and no verdict.
   std::vector<std::string> policies = {};
 };
 

@@ -51,7 +51,7 @@ Hdf5File::~Hdf5File() {
 Hdf5File Hdf5File::Open(const std::filesystem::path& path) {
   const Hdf5Quiet quiet;
   if (!std::filesystem::exists(path)) FailFile(path.string(), "no such file");
-  // Uses a different driver than the writer: with the same driver, libhdf5 would share the
+  // Uses another driver, not the writer's. With the writer's driver, libhdf5 would share the
   // descriptor of an open file, which a forked process does not have.
   const Hdf5Handle driver(H5Pcreate(H5P_FILE_ACCESS), H5Pclose);
   H5Pset_fapl_stdio(driver.id());

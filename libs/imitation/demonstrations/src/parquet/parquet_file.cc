@@ -169,7 +169,7 @@ class FooterParser {
   std::vector<Element> elements_;
   std::size_t next_ = 0;
   core::ReadBudget budget_;
-  core::ReadBudget values_;  // of all row groups
+  core::ReadBudget values_;  // shared by all row groups
 };
 
 ParquetFile::ParquetFile(std::filesystem::path path)
