@@ -41,8 +41,8 @@ inline const CLI::Validator kPositive(
 inline const CLI::Validator kNotNegative(
     [](const std::string& text) { return core::MustNotBeNegative(text); }, "NONNEGATIVE");
 
-/// Returns the check of a share or a probability. `interval` is "[0, 1]" or "(0, 1]", for example;
-/// a parenthesis excludes that end.
+/// Returns a validator of a share or a probability. `interval` is "[0, 1]" or "(0, 1]", for
+/// example; a parenthesis excludes that end.
 inline CLI::Validator ShareIn(const std::string& interval) {
   return {[interval](const std::string& text) {
             const std::optional<double> share = core::ParseNumber(text);

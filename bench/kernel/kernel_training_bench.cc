@@ -25,7 +25,7 @@ namespace dfr::bench {
 namespace {
 
 constexpr double kTolerance = 1e-3;
-constexpr double kMemoryMib = 200.0;  // as much as LIBSVM's cache
+constexpr double kMemoryMib = 200.0;  // size of LIBSVM's cache
 
 enum class Data { kPooled, kDrifting };
 

@@ -52,7 +52,7 @@ class Permit {
             "broadcasts cannot pass, give --no-datagrams");
     } else if (ended_) {
       Wrong(report, "the emergency stop became silent: nothing is moved further",
-            "check that `hardware stop` still runs and the network loses no messages");
+            "check that `hardware stop` is still running and the network loses no messages");
     } else {
       Wrong(report, "no emergency stop was found, and nothing is moved without one",
             "run `hardware stop` in this domain, or give --without-stop in a simulation");

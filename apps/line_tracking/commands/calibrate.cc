@@ -46,7 +46,8 @@ line_task::LineCalibration Guess(const RobotConfig& config) {
   return guess;
 }
 
-// Returns the calibration from these pictures. Empty, with a message for the operator, if it fails.
+// Returns the calibration from these pictures. If it fails, informs the operator and returns
+// nothing.
 std::optional<line_task::LineCalibration> FromPictures(
     const std::vector<vision::CalibrationFrame>& frames, const line_task::LineCalibration& guess,
     const RobotConfig& config, runtime::AsyncPrinter& printer) {

@@ -299,7 +299,7 @@ void CheckCamera(const RobotConfig& config, const line_task::LineCalibration& ca
     return text.str();
   };
   throw std::runtime_error(config.calibration.string() + " is for another camera (" + words(was) +
-                           ") than " + config.intrinsics.string() + " (" + words(is) +
+                           "), not for that of " + config.intrinsics.string() + " (" + words(is) +
                            "); calibrate with the camera of this robot");
 }
 

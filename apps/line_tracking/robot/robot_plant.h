@@ -81,7 +81,7 @@ class RobotPlant final : public core::Plant {
   ///   arm that is not ready, such as a disabled one, is no error if its measurements are valid.
   [[nodiscard]] bool ObserveIdle(std::span<double> state);
   /// Returns joints, marks and tip for a calibration. Otherwise like ObserveIdle().
-  /// @throws std::runtime_error as ObserveIdle(), and if the arm moves, or marks or tip are not
+  /// @throws std::runtime_error as ObserveIdle(), and if the arm is moving, or marks or tip are not
   /// found.
   [[nodiscard]] vision::CalibrationFrame CaptureCalibrationFrame();
 
