@@ -74,7 +74,7 @@ def load_demonstrations(
         pictures = (pictures,)
     if not hasattr(_core, "load_demonstrations"):
         raise ImportError(
-            "this build of dfr reads no demonstrations. Install libhdf5-dev, libsnappy-dev, libzstd-dev and "
+            "this build of dfr cannot read demonstrations. Install libhdf5-dev, libsnappy-dev, libzstd-dev and "
             "nlohmann-json3-dev and build it again, or read the file with h5py and pass arrays to dfr.Guard.fit."
         )
     read = Demonstrations(*_core.load_demonstrations(path, filter_key, list(pictures)))

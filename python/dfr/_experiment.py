@@ -138,7 +138,7 @@ class Experiment:
         """
         if not hasattr(_core, "run_experiment"):
             raise ImportError(
-                "this build of dfr has no Experiment. Install libcli11-dev, libtomlplusplus-dev and "
+                "this build of dfr does not contain Experiment. Install libcli11-dev, libtomlplusplus-dev and "
                 "nlohmann-json3-dev, and build it again."
             )
         plan, options = _plan(self), self._options()

@@ -138,7 +138,7 @@ class GuardedEnv(Wrapper):
     TypeError
         If `env` has no `reset` or `step` or is a vector of environments, or `guard` is not a Guard.
     ValueError
-        If the environment's `action_space` is not one array of continuous actions, has another size than the
+        If the environment's `action_space` is not one array of continuous actions, has a size other than the
         guard's actions, or does not include both signs.
 
     Notes

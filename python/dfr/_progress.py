@@ -45,7 +45,7 @@ class Display:
 
 
 def shows_progress(fit: Callable[..., Any]) -> Callable[..., Any]:
-    """Wrap `fit` to display its progress if `progress` is True, or is None and is_read(). False: no display."""
+    """Wrap `fit` to display its progress if `progress` is True, or if it is None and is_read() returns True."""
 
     @functools.wraps(fit)
     def call(*args: Any, progress: Callable[[str, float], object] | bool | None = None, **options: Any) -> Any:

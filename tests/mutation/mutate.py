@@ -138,7 +138,7 @@ def main():
                    cwd=copy, check=True, capture_output=True)
     build = copy / "build/dev"
     program = f"{name}_unit_tests"
-    limit_s = None  # of processor time: five times the time of the unchanged tests, plus 5 s
+    limit_s = None  # limit of processor time: five times the time of the unchanged tests, plus 5 s
     if not options.survivors:
         with tempfile.TemporaryDirectory(prefix="dfr_mutate_") as scratch:
             if run(confined(["true"], copy, scratch), copy, 60) != 0:
@@ -168,7 +168,7 @@ def main():
     # Random order that does not depend on other files.
     changes.sort(key=lambda change: hashlib.sha256(f"{options.seed} {change[1]}".encode()).digest())
     record = root / "build/mutation" / f"{name}.jsonl"
-    known = {}  # by change: its result, and the hash of the tests
+    known = {}  # maps a change to its result and the hash of the tests
     if record.exists():
         known = {key: found for key, *found in map(json.loads, record.read_text().splitlines())}
     killed = survived = 0

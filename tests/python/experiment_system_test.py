@@ -132,7 +132,7 @@ class ExperimentTest(unittest.TestCase):
     def import_program(self):
         specification = importlib.util.spec_from_file_location("own_experiment", self.program)
         module = importlib.util.module_from_spec(specification)
-        sys.modules["own_experiment"] = module  # where inspect finds the file of its classes
+        sys.modules["own_experiment"] = module  # lets inspect find the file of its classes
         self.addCleanup(sys.modules.pop, "own_experiment", None)
         specification.loader.exec_module(module)
         return module

@@ -54,7 +54,7 @@ class ExperimentTest(unittest.TestCase):
     def import_example(self):
         specification = importlib.util.spec_from_file_location("own_experiment", EXAMPLE)
         module = importlib.util.module_from_spec(specification)
-        sys.modules["own_experiment"] = module  # where inspect finds the file of its classes
+        sys.modules["own_experiment"] = module  # lets inspect find the file of its classes
         self.addCleanup(sys.modules.pop, "own_experiment")
         specification.loader.exec_module(module)
         return module

@@ -49,7 +49,7 @@ class Numbers(html.parser.HTMLParser):
     def __init__(self, text):
         super().__init__()
         self.found = []
-        self.open = []  # of each open element: its tag, commands and texts
+        self.open = []  # tag, commands and texts of each open element
         self.feed(text)
 
     def handle_starttag(self, tag, attributes):
