@@ -81,7 +81,7 @@ void AddConvert(CLI::App& app) {
       "convert actions that are target positions to increments: target minus position");
   command->callback([options, command] {
     if (command->count("--id") > 0 && options->out.extension() == ".hdf5") {
-      throw CLI::ValidationError("--id: is for the folder of a Minari dataset, not for " +
+      throw CLI::ValidationError("--id: applies only to the folder of a Minari dataset, not to " +
                                  options->out.string());
     }
     RunConvert(*options);

@@ -31,16 +31,17 @@ std::unique_ptr<imitation::DemonstrationReader> OpenEpisodes(const safety::Guard
   auto reader =
       imitation::OpenDemonstrations(path, filter_key, imitation::PictureRequests(model.layout()));
   if (reader->layout() != model.layout()) {
-    throw std::runtime_error(path.string() + ": states consist of " + Named(reader->layout()) +
-                             ", but the guard's consist of " + Named(model.layout()) +
-                             ": use episodes with the guard's states, or fit a guard to these");
+    throw std::runtime_error(
+        path.string() + ": states consist of " + Named(reader->layout()) +
+        ", but the guard's consist of " + Named(model.layout()) +
+        ": use episodes with the guard's states, or fit a guard to these episodes");
   }
   const int expected = model.action_dim();
   if (reader->control_dim() != expected) {
-    throw std::runtime_error(path.string() + ": actions have " +
-                             std::to_string(reader->control_dim()) +
-                             " entries, but the guard's have " + std::to_string(expected) +
-                             ": use episodes with the guard's actions, or fit a guard to these");
+    throw std::runtime_error(
+        path.string() + ": actions have " + std::to_string(reader->control_dim()) +
+        " entries, but the guard's have " + std::to_string(expected) +
+        ": use episodes with the guard's actions, or fit a guard to these episodes");
   }
   return reader;
 }

@@ -33,7 +33,7 @@ std::unique_ptr<imitation::DemonstrationReader> OpenEpisodes(const safety::Guard
                                                              const std::filesystem::path& path,
                                                              const std::string& filter_key);
 
-/// Returns whether the guard's file contains the data that a certificate needs.
+/// Returns true if the guard's file contains the data that a certificate needs.
 bool CanCertify(const safety::GuardModel& model);
 
 /// Influence of each entry of a state on l: the mean of |dl/dx| times the standard deviation of

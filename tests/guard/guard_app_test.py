@@ -249,7 +249,7 @@ class GuardAppTest(GuardProgramTest):
             ("convert right-v0 right-v0/data/main_data.hdf5", "data/main_data.hdf5: would overwrite DEMOS"),
             ("fit right-v0 -f tip -o right-v0/data/main_data.hdf5", "data/main_data.hdf5: would overwrite DEMOS; name another"),
             ("report kept.guard right-v0 -o right-v0/data/metadata.json", "data/metadata.json: would overwrite DEMOS"),
-            ("convert demos.hdf5 other.hdf5 --id a/b-v0", "--id: is for the folder of a Minari dataset, not for other.hdf5"),
+            ("convert demos.hdf5 other.hdf5 --id a/b-v0", "--id: applies only to the folder of a Minari dataset, not to other.hdf5"),
         ):
             with self.subTest(arguments):
                 self.assertIn(says, self.run_guard(*arguments.split(), fails=True))

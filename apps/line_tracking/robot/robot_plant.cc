@@ -234,7 +234,7 @@ struct RobotPlant::Impl {
     const HoldReason found = loop.blocking();
     const bool others = found == HoldReason::kSecondCommander || found == HoldReason::kArmNotReady;
     if (found != HoldReason::kNone && !others) throw std::runtime_error(loop.blocking_words());
-    // These two reasons hide those of the measurements.
+    // A second commander or an arm that is not ready hides a fault of the measurements.
     const hardware::PsmClient& client = driver.client();
     const hardware::PsmStatus status = client.hold_reason() == hardware::PsmStatus::kSecondConsole
                                            ? client.hold_reason()

@@ -53,7 +53,7 @@ class Camera {
   std::vector<std::uint8_t> drawn_;
 };
 
-/// Returns whether the states of a task's plant can be drawn.
+/// Returns true if the states of a task's plant can be drawn.
 [[nodiscard]] bool HasPictures(const sim::GalleryPlant& plant);
 
 /// Layout of the states of a guard on pictures: "image".

@@ -41,7 +41,7 @@ class StopSocket {
 class StopWriter {
  public:
   /// @param security  the participant's folder; empty: unsigned datagrams.
-  /// @throws std::runtime_error naming the error of the system or the security files.
+  /// @throws std::runtime_error naming the system's error or the fault of a security file.
   explicit StopWriter(const std::filesystem::path& security);
 
   /// Returns the next datagram, stamped `wall_ns`.
@@ -91,7 +91,7 @@ class StopReader {
 /// kLoopback, also broadcasts them on its networks. One object belongs to one thread at a time.
 class StopSender {
  public:
-  /// @throws std::runtime_error naming the error of the system or the security files.
+  /// @throws std::runtime_error naming the system's error or the fault of a security file.
   explicit StopSender(const ParticipantOptions& options);
 
   /// Returns false if no datagram could be sent.

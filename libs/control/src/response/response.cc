@@ -179,7 +179,7 @@ Response Response::Load(core::ArchiveReader& archive) {
     const std::vector<double>& values = response.values_.back();
     if (values.size() > guided::kMostFew || !std::is_sorted(values.begin(), values.end()) ||
         !std::all_of(values.begin(), values.end(), [](double v) { return std::isfinite(v); })) {
-      archive.Fail("the values of an entry of a control must be few, ascending and finite");
+      archive.Fail("an entry of a control must have few values, finite and in ascending order");
     }
   }
   return response;

@@ -346,7 +346,7 @@ bool SparseProblem<T>::SolveActive(double rho) {
                                     may_fall.data(),
                                     smallest.data(),
                                     largest.data()};
-  // Leaves a part of the tolerance for the rounding of T and for the other samples.
+  // Leaves part of the tolerance for the rounding of T and for the other samples.
   const double target = std::max(kTarget * options_.tolerance, kInner * summary_.kkt_gap);
   rounds_.Take(std::numeric_limits<std::int64_t>::max(),
                [&](std::int64_t most) { return smo_.sparse_loop(problem, target, most); });
