@@ -35,8 +35,8 @@ ContestOptions ContestOptions::Parse(int argc, char** argv) {
         value("--target=", [&](std::string v) { options.target = std::move(v); });
     if (!known || options.rounds < 1 || !(options.min_time >= 0.0)) {
       throw std::invalid_argument(
-          "cannot use '" + std::string(argument) +
-          "'. Known: --benchmark_filter=TEXT --benchmark_min_time=SECONDS --rounds=N "
+          "invalid argument '" + std::string(argument) +
+          "'; valid: --benchmark_filter=TEXT --benchmark_min_time=SECONDS --rounds=N "
           "--benchmark_out=FILE.json --target=NAME");
     }
   }

@@ -69,8 +69,8 @@ struct Options {
 
  private:
   [[noreturn]] static void Refuse(const std::string& argument) {
-    throw std::invalid_argument("cannot use '" + argument +
-                                "'. Known: --cells=N --most=SAMPLES (2 or more) --seed=N "
+    throw std::invalid_argument("invalid argument '" + argument +
+                                "'; valid: --cells=N --most=SAMPLES (2 or more) --seed=N "
                                 "--seconds=S --minutes=M");
   }
 };

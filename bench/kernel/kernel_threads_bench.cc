@@ -51,8 +51,8 @@ struct Options {
         o.smoke = true;
         o.rounds = 1;
       } else {
-        throw std::invalid_argument("cannot use '" + argument +
-                                    "'. Known: --threads=N (1 or more) --filter=TEXT --rounds=N");
+        throw std::invalid_argument("invalid argument '" + argument +
+                                    "'; valid: --threads=N (1 or more) --filter=TEXT --rounds=N");
       }
     }
     return o;

@@ -241,8 +241,8 @@ Options Parse(int argc, char** argv) {
     } else if (argument == "--few") {
       options.few = true;
     } else {
-      throw std::invalid_argument("cannot use '" + std::string(argument) +
-                                  "'. Known: --filter=TEXT --time=SECONDS --slow=PERCENT --few");
+      throw std::invalid_argument("invalid argument '" + std::string(argument) +
+                                  "'; valid: --filter=TEXT --time=SECONDS --slow=PERCENT --few");
     }
   }
   return options;

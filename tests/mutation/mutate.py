@@ -108,7 +108,7 @@ def outcome(build, program, limit_s, jobs):
 
 
 def wilson(hits, total):
-    """Return the 95 % interval of a share, after Wilson."""
+    """Return Wilson's 95 % interval of a share."""
     if total == 0:
         return 0.0, 1.0
     z2 = 1.96 ** 2
