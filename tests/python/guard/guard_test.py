@@ -290,7 +290,7 @@ class Documentation(unittest.TestCase):
 
 class ExitTest(unittest.TestCase):
     def test_a_daemon_thread_within_a_call_does_not_abort_the_interpreter(self):
-        """Each call releases the interpreter's lock, and needs it again after the interpreter has begun to shut down."""
+        """Each call releases the interpreter's lock, and needs it again after shutdown has begun."""
         calls = {
             "Guard.fit": "dfr.Guard.fit(states, actions, layout=LAYOUT, progress=lambda stage, share: running.set())",
             "OneClassSVM": "dfr.OneClassSVM().fit(states[0])",
