@@ -11,6 +11,7 @@
 #include <iostream>
 #include <map>
 #include <optional>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -56,6 +57,21 @@ inline CLI::Validator ShareIn(const std::string& interval) {
 
 /// Open range (0, 1) of shares and probabilities.
 inline const CLI::Validator kShare = ShareIn("(0, 1)");
+
+/// Returns the check of a value that `read` reads: its std::invalid_argument becomes a usage error,
+/// with file and line in a configuration.
+template <typename Read>
+CLI::Validator ReadBy(Read read) {
+  return {[read](const std::string& text) {
+            try {
+              static_cast<void>(read(text));
+            } catch (const std::invalid_argument& e) {
+              return std::string(e.what());
+            }
+            return std::string();
+          },
+          ""};
+}
 
 /// For CLI::Option::transform(): converts one of `words` to its enumerator. Help and errors list
 /// the words.

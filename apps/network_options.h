@@ -26,6 +26,7 @@ inline void AddNetwork(CLI::App& command, dds::ParticipantOptions& network,
                                     {"server", Discovery::kServerClient}}))
       ->group(group);
   command.add_option("--server", network.server_address, "IPv4 address of the discovery server")
+      ->check(CLI::ValidIPV4)
       ->capture_default_str()
       ->group(group);
   command

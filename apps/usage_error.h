@@ -3,14 +3,11 @@
 #include <stdexcept>
 #include <string>
 
+#include "dfr/core/text/usage_error.h"
+
 namespace dfr::apps {
 
-/// Error of an option's value that is found after the arguments are parsed. RunProgram() exits as
-/// after every usage error.
-class UsageError : public std::invalid_argument {
- public:
-  using std::invalid_argument::invalid_argument;
-};
+using core::UsageError;
 
 /// Returns `read()`, which reads the value of `option`.
 /// @throws UsageError naming the option if read() throws std::invalid_argument.

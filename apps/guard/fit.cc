@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cstdio>
+#include <memory>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -11,6 +12,7 @@
 #include "dfr/core/text/format.h"
 #include "dfr/experiment/progress.h"
 #include "dfr/imitation/demonstrations.h"
+#include "dfr/reduction/state_reduction.h"
 
 namespace dfr::apps::guard {
 
@@ -117,15 +119,26 @@ void CheckActionLimit(const std::vector<double>& limit, int dim) {
   }
 }
 
+// Opens the demonstrations with the pictures that `features` name.
+std::unique_ptr<imitation::DemonstrationReader> OpenFor(const std::string& features,
+                                                        const FitOptions& options) {
+  try {
+    return imitation::OpenDemonstrations(options.demonstrations, options.filter_key,
+                                         reduction::StateReduction::Requests(features));
+  } catch (const imitation::RequestError& e) {
+    throw UsageError(std::string("--features: ") + e.what());
+  }
+}
+
 }  // namespace
 
 bool RunFit(const FitOptions& options) {
   safety::GuardOptions guard = options.guard;
   guard.strategy = safety::ParseStrategy(options.strategy);
   guard.features = core::StripObservationPrefixes(guard.features);
-  const auto reader =
-      imitation::OpenDemonstrations(options.demonstrations, options.filter_key,
-                                    reduction::StateReduction::Requests(guard.features));
+  const auto reader = OpenFor(guard.features, options);
+  ValueOf("--features",
+          [&] { reduction::StateReduction::CheckFeatures(reader->layout(), guard.features); });
   CheckActionLimit(guard.action_limit, reader->control_dim());
   if (!reader->note().empty()) Print("%s\n", reader->note().c_str());
   std::vector<core::Trajectory> all;

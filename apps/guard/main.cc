@@ -109,6 +109,7 @@ void AddFit(CLI::App& app, int& result) {
           "demonstrations; for a bad policy or none), dfr (the policy, recovery as published), "
           "early-stopping (the policy, halts at the boundary), monitor (the policy, only alarms), "
           "certified (actions that provably raise no alarm, see docs/certificates.md)")
+      ->check(ReadBy(safety::ParseStrategy))
       ->capture_default_str();
   command
       ->add_option("--nu", options->guard.support.svm.nu,

@@ -2,6 +2,8 @@
 #include <CLI/CLI.hpp>
 #include <cstdlib>
 #include <opencv2/core/utility.hpp>
+#include <span>
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -9,10 +11,17 @@
 #include "apps/platform_options.h"
 #include "commands/commands.h"
 #include "dfr/experiment/command_line.h"
-#include "dfr/safety/method.h"
+#include "dfr/study/controller_factory.h"
+#include "dfr/study/placebo.h"
+#include "trial_runner.h"
 
 namespace dfr::apps::line_tracking {
 namespace {
+
+// Returns the check of a method that study::ParseMethod() parses with `others`.
+CLI::Validator MethodOf(std::span<const std::string_view> others) {
+  return ReadBy([others](const std::string& name) { return study::ParseMethod(name, others); });
+}
 
 void AddImages(CLI::App& command, sim::LineTrackingOptions& plant) {
   command
@@ -90,6 +99,7 @@ void AddModelOptions(CLI::App& command, LineModelOptions& model) {
   command
       .add_option("--features", model.support_features,
                   "features of the support: blocks of the state tip, distance, heading")
+      ->check(ReadBy(LayoutWith))
       ->capture_default_str();
   command
       .add_option("--whitened-gamma", model.whitened_gamma,
@@ -110,6 +120,9 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options) {
   experiment::AddExperimentOptions(
       command, options, "quick: 2 trials of 15 episodes; paper: 5 trials of 50",
       "the first is the reference; of " + study::MethodHelp(kOtherLineMethods));
+  command.get_option("--methods")->check(ReadBy([](const std::string& name) {
+    return study::ParseCompared(name, kOtherLineMethods);
+  }));
   command
       .add_option(
           "--worlds", options.worlds,
@@ -117,6 +130,7 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options) {
           "never stops and may move the line until 5 s after a halt. frozen: the platform "
           "stops while the robot looks, computes or has halted")
       ->delimiter(',')
+      ->check(ReadBy([](const std::string& world) { return InWorld({}, world); }))
       ->capture_default_str();
   AddModelOptions(command, options.model);
   AddPlant(command, options.plant, true);
@@ -153,7 +167,8 @@ void AddDemonstrate(CLI::App& app, DemonstrateOptions& options) {
   command.add_flag("--teleoperation", options.teleoperation,
                    "with --config: records the tip while the operator leads it; by default the "
                    "robot follows the line by itself after the operator's confirmation");
-  core::WritesFile(command.add_option("--out", options.out, "file of the demonstrations"))
+  core::WritesFile(command.add_option("--out", options.out, "file of the demonstrations, .hdf5"),
+                   {".hdf5", ".h5"})
       ->capture_default_str();
   command.add_option("--count", options.count, "number of demonstrations")
       ->check(dfr::apps::kDemonstrations)
@@ -188,8 +203,10 @@ void AddRun(CLI::App& app, RunOptions& options) {
                      "here\ntake precedence. Default: the simulation in this process.\n"
                      "`line_tracking --config FILE` is short for this");
   command.add_option("--model", options.model, "folder written by fit (default: model)");
-  command.add_option("--method", options.method,
-                     study::MethodHelp(kRobotLineMethods) + " (default: controller)");
+  command
+      .add_option("--method", options.method,
+                  study::MethodHelp(kRobotLineMethods) + " (default: controller)")
+      ->check(MethodOf(kRobotLineMethods));
   core::Writes(
       command.add_option("--recordings", options.recordings,
                          "folder for the logs of runs (default: recordings); none: no log"),
@@ -238,6 +255,7 @@ void AddRender(CLI::App& app, RenderOptions& options) {
       *app.add_subcommand("render", "Write a video of one episode, without a display");
   command.add_option("--model", options.model, "folder written by fit")->capture_default_str();
   command.add_option("--method", options.method, study::MethodHelp(kLoadedLineMethods))
+      ->check(MethodOf(kLoadedLineMethods))
       ->capture_default_str();
   command.add_option("--seed", options.seed, "random seed of the episode")->capture_default_str();
   core::WritesFile(command.add_option("--out", options.out, "a video: .mp4 or .webm"),

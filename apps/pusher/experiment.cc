@@ -10,7 +10,6 @@
 #include "apps/usage_error.h"
 #include "commands.h"
 #include "convergence/convergence_report.h"
-#include "dfr/core/features/features.h"
 #include "dfr/core/text/format.h"
 #include "dfr/experiment/episodes.h"
 #include "dfr/experiment/ledger.h"
@@ -53,7 +52,7 @@ experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {
   if (!options.supervisor.empty()) plan.supervisors = 1;
   if (!options.demonstrations.empty()) plan.demonstrations = options.demonstrations;
   plan = experiment::ApplyTo(std::move(plan), options);
-  study::CheckPlacebos(plan.methods);
+  ValueOf("--methods", [&plan] { study::CheckPlacebos(plan.methods); });
   std::ranges::copy_if(plan.methods, std::back_inserter(plan.policies), study::IsPolicy);
   return plan;
 }
@@ -295,13 +294,6 @@ TrialRunnerFactory MakeFactory(const ExperimentOptions& options,
   for (const std::string& name : plan.methods) {
     site_options.methods.push_back(study::ParseCompared(name));
   }
-  for (const std::string& name : plan.learners) {
-    ValueOf("--learners", [&name] { static_cast<void>(Learner::Parse(name)); });
-  }
-  ValueOf("--features", [&options] {
-    core::FeatureSelection(sim::PusherPlant(options.plant).layout(),
-                           options.model.support_features);
-  });
   ValueOf("--methods, --learners, --demonstrations", [&plan] { experiment::CheckPlan(plan); });
   site_options.model = options.model;
   site_options.plant = options.plant;

@@ -2,9 +2,7 @@
 #include <cstdio>
 
 #include "apps/inputs.h"
-#include "apps/usage_error.h"
 #include "commands.h"
-#include "dfr/core/features/features.h"
 #include "dfr/core/text/format.h"
 #include "dfr/imitation/demonstrations.h"
 #include "dfr/sim/pusher/pusher_plant.h"
@@ -14,11 +12,8 @@ namespace dfr::apps::pusher {
 
 void RunFit(const FitOptions& options) {
   ModelOptions model_options = options.model;
-  model_options.learner =
-      ValueOf("--learner", [&options] { return Learner::Parse(options.learner); });
+  model_options.learner = Learner::Parse(options.learner);
   const sim::PusherPlant plant;
-  ValueOf("--features",
-          [&] { core::FeatureSelection(plant.layout(), model_options.support_features); });
   MustExist(options.demonstrations,
             "Run `pusher demonstrate` first, or give another file with --demonstrations");
   const imitation::DemonstrationSet set = imitation::LoadRobomimic(options.demonstrations);

@@ -6,9 +6,11 @@
 
 #include "apps/command_line.h"
 #include "commands.h"
+#include "dfr/core/features/features.h"
 #include "dfr/experiment/command_line.h"
 #include "dfr/experiment/ledger.h"
 #include "dfr/safety/method.h"
+#include "dfr/study/placebo.h"
 #include "supervisor/supervisor.h"
 #include "supervisor/train_supervisor.h"
 
@@ -37,6 +39,12 @@ void AddScene(CLI::App& command, sim::PusherOptions& plant) {
       ->default_str("quasi-static");
 }
 
+// Returns the check of a method for a model loaded from a file.
+CLI::Validator LoadedMethod() {
+  return dfr::apps::ReadBy(
+      [](const std::string& name) { return study::ParseMethod(name, study::kLoadedMethods); });
+}
+
 void AddModelOptions(CLI::App& command, ModelOptions& model) {
   command
       .add_option("--nu", model.nu,
@@ -49,6 +57,9 @@ void AddModelOptions(CLI::App& command, ModelOptions& model) {
   command
       .add_option("--features", model.support_features,
                   "features of the support: blocks of the state, as in red,object,tip[0:2]")
+      ->check(dfr::apps::ReadBy([](const std::string& features) {
+        return core::FeatureSelection(sim::PusherPlant().layout(), features);
+      }))
       ->capture_default_str();
   command
       .add_option("--horizon", model.horizon,
@@ -77,6 +88,9 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options) {
       "of .03 rad and T = 100, and the recoveries of every model",
       "methods; the first is the reference. Valid: " + study::MethodHelp(),
       {"quick", "paper", "authors", "fig5"});
+  command->get_option("--methods")->check(dfr::apps::ReadBy([](const std::string& name) {
+    return study::ParseCompared(name);
+  }));
   command
       ->add_option("--supervisor", options.supervisor,
                    "file of train-supervisor (default: the shipped ones)")
@@ -93,7 +107,8 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options) {
       ->add_option(
           "--learners", options.learners,
           "hidden units of the learned policies, and epochs after an x, as in 8,64-64,8x100")
-      ->delimiter(',');
+      ->delimiter(',')
+      ->check(dfr::apps::ReadBy(Learner::Parse));
   command
       ->add_option("--demonstrations", options.demonstrations,
                    "numbers of demonstrations, ascending")
@@ -130,7 +145,8 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options) {
 void AddDemonstrate(CLI::App& app, DemonstrateOptions& options) {
   CLI::App* command =
       app.add_subcommand("demonstrate", "Write demonstrations of the supervisor as robomimic HDF5");
-  core::WritesFile(command->add_option("--out", options.out, "file of the demonstrations"))
+  core::WritesFile(command->add_option("--out", options.out, "file of the demonstrations, .hdf5"),
+                   {".hdf5", ".h5"})
       ->capture_default_str();
   command->add_option("--count", options.count, "number of demonstrations, without discarded ones")
       ->check(dfr::apps::kDemonstrations)
@@ -159,6 +175,7 @@ void AddFit(CLI::App& app, FitOptions& options) {
   core::WritesFolder(command->add_option("--out", options.out, "folder for the model's files"))
       ->capture_default_str();
   command->add_option("--learner", options.learner, "hidden units of the policy, as in 8 or 64-64")
+      ->check(dfr::apps::ReadBy(Learner::Parse))
       ->capture_default_str();
   command
       ->add_option("--seed", options.model.seed,
@@ -174,6 +191,7 @@ void AddEvaluate(CLI::App& app, EvaluateOptions& options) {
   command->add_option("--model", options.model, "folder written by fit")->capture_default_str();
   command->add_option("--methods", options.methods, study::MethodHelp(study::kLoadedMethods))
       ->delimiter(',')
+      ->check(LoadedMethod())
       ->capture_default_str();
   command->add_option("--episodes", options.episodes, "number of start states")
       ->check(kCount)
@@ -190,6 +208,7 @@ void AddRender(CLI::App& app, RenderOptions& options) {
   command->add_option("--model", options.model, "folder written by fit")->capture_default_str();
   command->add_option("--methods", options.methods, "methods to show side by side, as for evaluate")
       ->delimiter(',')
+      ->check(LoadedMethod())
       ->capture_default_str();
   command->add_option("--seed", options.seed, "random seed of the start state")
       ->capture_default_str();

@@ -14,6 +14,7 @@
 
 #include "apps/command_line.h"
 #include "apps/study/imitator.h"
+#include "apps/study/pictures/camera.h"
 #include "apps/study/pictures/detect.h"
 #include "apps/study/pictures/detect_options.h"
 #include "apps/study/pictures/picture.h"
@@ -26,11 +27,14 @@
 #include "dfr/experiment/intervals.h"
 #include "dfr/experiment/report.h"
 #include "dfr/experiment/sequential_test.h"
+#include "dfr/reduction/state_reduction.h"
 #include "dfr/study/controller_factory.h"
 #include "dfr/study/placebo.h"
 
 namespace dfr::study {
 namespace {
+
+using apps::ReadBy;
 
 void Print(const std::vector<experiment::ReportTable>& tables, std::size_t left_aligned) {
   for (const experiment::ReportTable& table : tables) {
@@ -80,17 +84,20 @@ void RunAndPrint(const Study& study, bool grid, bool causes) {
 void AddChoices(CLI::App& command, Study& study) {
   command.add_option("--tasks", study.tasks, "tasks: names, gallery, design, held-out or all")
       ->delimiter(',')
+      ->check(ReadBy([&study](const std::string& word) { CheckTasks(study.kind, word); }))
       ->capture_default_str();
   command
       .add_option("--policies", study.policies,
                   study.kind == Kind::kGuards ? Join(PolicyNames())
                                               : "learned (a weak network), or " + Join(kPolicies))
       ->delimiter(',')
+      ->check(ReadBy([&study](const std::string& name) { CheckPolicy(study.kind, name); }))
       ->capture_default_str();
   command
       .add_option("--conditions", study.conditions,
                   "conditions, by their names in the table; default: all")
-      ->delimiter(',');
+      ->delimiter(',')
+      ->check(ReadBy(CheckCondition));
   command
       .add_option("--demonstrations", study.demonstrations,
                   "number of demonstrations of each trial")
@@ -119,6 +126,8 @@ void AddOptions(CLI::App& command, Study& study) {
                            : "; " + Join(PlaceboNames()) +
                                  " interrupt the policy as often as guard, at random times"))
       ->delimiter(',')
+      ->check(
+          ReadBy([&study](const std::string& name) { CheckController(study.kind, name, true); }))
       ->capture_default_str();
   if (study.kind == Kind::kPlane) planar::AddMethodOptions(command, study.plane);
   experiment::AddRunOptions(command, study);
@@ -164,8 +173,7 @@ void List() {
       std::printf("  %-15s %s\n", task.name.c_str(), task.summary.c_str());
       std::printf(
           "  %-15s demonstrated in at most %d controls; features of the guard: %s; a control of "
-          "zero "
-          "%s\n",
+          "zero %s\n",
           "", task.horizon, task.features.empty() ? "all" : task.features.c_str(),
           task.settle_steps == 0 ? "holds still" : "lets the world move on");
     }
@@ -231,12 +239,19 @@ void CompareAndPrint(const Comparison& comparison) {
 }
 
 void AddOptions(CLI::App& command, Comparison& comparison) {
-  command.add_option("--task", comparison.task, "task: a name that `study run --tasks` takes")
+  command.add_option("--task", comparison.task, "task: a name that `study stress --tasks` takes")
+      ->check(ReadBy(MakeTask))
       ->capture_default_str();
   command.add_option("--condition", comparison.condition, "condition, by its name in the table")
+      ->check(ReadBy(CheckCondition))
       ->capture_default_str();
-  command.add_option("--first", comparison.first, MethodHelp())->capture_default_str();
-  command.add_option("--second", comparison.second, "second method")->capture_default_str();
+  const auto method = ReadBy([](const std::string& name) { return ParseMethod(name); });
+  command.add_option("--first", comparison.first, MethodHelp())
+      ->check(method)
+      ->capture_default_str();
+  command.add_option("--second", comparison.second, "second method")
+      ->check(method)
+      ->capture_default_str();
   command
       .add_option("--demonstrations", comparison.demonstrations,
                   "number of demonstrations of each trial")
@@ -325,7 +340,10 @@ int Main(int argc, char** argv) {
   AddOptions(*run, guards);
   run->add_option("--pictures", guards.pictures.features,
                   "features of image, such as points:image, for methods guard/pictures and others, "
-                  "which receive a picture of the state; the policy receives the state");
+                  "which receive a picture of the state; the policy receives the state")
+      ->check(ReadBy([](const std::string& features) {
+        reduction::StateReduction::CheckFeatures(PictureLayout(), features);
+      }));
   run->add_option("--picture-light", guards.pictures.shown.light,
                   "change of light in the demonstrations' pictures, as a share")
       ->check(dfr::apps::ShareIn("[0, 1]"))
@@ -351,17 +369,21 @@ int Main(int argc, char** argv) {
   std::string entries;
   std::filesystem::path page = "gallery.html";
   int count = 5;
+  std::string shown_task;
   auto* picture =
       app.add_subcommand("picture", "Write a page with paths of one task of the gallery");
-  std::string shown_task;
-  picture->add_option("task", shown_task, "task, by its name in `study list`")->required();
+  picture->add_option("task", shown_task, "task, by its name in `study list`")
+      ->check(ReadBy(dfr::sim::FindGalleryTask))
+      ->required();
   picture->add_option("--policy", shown.policies, "policy to guard: " + Join(PolicyNames()))
+      ->check(ReadBy([](const std::string& name) { CheckPolicy(Kind::kGuards, name); }))
       ->expected(1)
       ->capture_default_str();
   picture
       ->add_option("--methods", shown.controllers,
                    "methods, in addition to the policy alone: strategies of guards")
       ->delimiter(',')
+      ->check(ReadBy([](const std::string& name) { CheckController(Kind::kGuards, name, false); }))
       ->capture_default_str();
   picture->add_option("--entries", entries,
                       "two entries of the state, tip or box[0:2]; default: the first two");

@@ -23,11 +23,12 @@
 namespace dfr::study {
 namespace {
 
-void CheckNames(const char* what, const std::vector<std::string>& names,
-                const std::vector<std::string>& known) {
-  for (const std::string& name : names) {
-    if (std::ranges::count(known, name) == 0) throw core::UnknownName(what, name, Join(known));
-  }
+void CheckName(const char* what, const std::string& name, const std::vector<std::string>& known) {
+  if (std::ranges::count(known, name) == 0) throw core::UnknownName(what, name, Join(known));
+}
+
+bool IsAlone(const std::string& controller) {
+  return controller == kAlone || controller == "alone";
 }
 
 // Throws if a task cannot be drawn.
@@ -44,9 +45,7 @@ void CheckPictures(const Task& task) {
 std::map<std::string, Place> Places(const std::vector<std::string>& wanted,
                                     const std::vector<Task>& tasks,
                                     std::vector<std::string>& names) {
-  std::vector<std::string> known;
-  for (const Condition& condition : Conditions()) known.push_back(condition.name);
-  CheckNames("condition", wanted, known);
+  for (const std::string& name : wanted) CheckCondition(name);
   std::map<std::string, Place> places;
   for (const Task& task : tasks) {
     for (const Condition& condition : Conditions()) {
@@ -76,17 +75,10 @@ class Units {
                              Join(study.conditions) + "; choose other tasks or conditions");
     }
     for (const std::string& name : study.controllers) {
-      if (name != kAlone && name != "alone") controllers_.push_back(name);
+      CheckController(study.kind, name, !study.pictures.features.empty());
+      if (!IsAlone(name)) controllers_.push_back(name);
     }
-    if (study.kind == Kind::kGuards) {
-      CheckNames("policy", study.policies, PolicyNames());
-      std::vector<std::string> known = GuardNames();
-      if (!study.pictures.features.empty()) {
-        for (const std::string& name : GuardNames()) known.push_back(name + kOnPictures);
-      }
-      known.insert(known.end(), PlaceboNames().begin(), PlaceboNames().end());
-      CheckNames("method", controllers_, known);
-    }
+    for (const std::string& name : study.policies) CheckPolicy(study.kind, name);
     for (const auto& [name, place] : places_) {
       const bool disturbed = place.condition->nuisances != Nuisances{};
       if (disturbed && study.pictures.features.empty()) {
@@ -96,7 +88,9 @@ class Units {
       }
       if (!study.pictures.features.empty()) CheckPictures(*place.task);
     }
-    if (study.kind != Kind::kPlane) CheckPlacebos(controllers_);
+    if (study.kind != Kind::kPlane) {
+      apps::ValueOf("--methods", [&] { CheckPlacebos(controllers_); });
+    }
     controllers_.insert(controllers_.begin(), kAlone);
     for (const std::string& policy : study.policies) {
       for (const std::string& controller : controllers_) {
@@ -104,11 +98,10 @@ class Units {
         if (controller != kAlone && IsPolicy(controller)) {
           plan_.policies.push_back(plan_.methods.back());
         }
-        if (study.kind == Kind::kControllers) {
-          static_cast<void>(ParseCompared(plan_.methods.back()));
-        } else if (study.kind == Kind::kPlane) {
-          static_cast<void>(ParseMethod(plan_.methods.back(), planar::kPlanarMethods));
-        }
+        if (study.kind == Kind::kGuards) continue;
+        // Some controllers take no other policy.
+        apps::ValueOf("--policies, --methods",
+                      [&] { CheckController(study.kind, plan_.methods.back(), false); });
       }
     }
     plan_.demonstrations = {study.demonstrations};
@@ -258,6 +251,38 @@ const std::vector<std::string>& GuardNames() {
       Name(Strategy::kMonitor), Name(Strategy::kEarlyStopping), Name(Strategy::kDfr),
       Name(Strategy::kGuard),   Name(Strategy::kController),    Name(Strategy::kCertified)};
   return names;
+}
+
+void CheckTasks(Kind kind, const std::string& word) {
+  for (const std::string& name : SelectTasks({word})) CheckKind(MakeTask(name), kind);
+}
+
+void CheckCondition(const std::string& name) {
+  std::vector<std::string> known;
+  for (const Condition& condition : Conditions()) known.push_back(condition.name);
+  CheckName("condition", name, known);
+}
+
+void CheckPolicy(Kind kind, const std::string& name) {
+  std::vector<std::string> known = {"learned"};
+  known.insert(known.end(), kPolicies.begin(), kPolicies.end());
+  CheckName("policy", name, kind == Kind::kGuards ? PolicyNames() : known);
+}
+
+void CheckController(Kind kind, const std::string& name, bool pictures) {
+  if (IsAlone(name)) return;
+  if (kind == Kind::kControllers) {
+    static_cast<void>(ParseCompared(name));
+  } else if (kind == Kind::kPlane) {
+    static_cast<void>(ParseMethod(name, planar::kPlanarMethods));
+  } else {
+    std::vector<std::string> known = GuardNames();
+    for (const std::string& guard : GuardNames()) {
+      if (pictures) known.push_back(guard + kOnPictures);
+    }
+    known.insert(known.end(), PlaceboNames().begin(), PlaceboNames().end());
+    CheckName("method", name, known);
+  }
 }
 
 bool Intervened(const experiment::EpisodeResult& episode) {

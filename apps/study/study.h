@@ -49,6 +49,14 @@ struct Study : experiment::ExperimentOptions {
 /// Strategies of guards. Studies of guards or controllers also accept PlaceboNames().
 [[nodiscard]] const std::vector<std::string>& GuardNames();
 
+/// Checks of one word of a study's tasks, conditions, policies or controllers. `pictures` accepts
+/// guards that end in kOnPictures.
+/// @throws std::invalid_argument listing the valid names for an unknown one, and as CheckKind().
+void CheckTasks(Kind kind, const std::string& word);
+void CheckCondition(const std::string& name);
+void CheckPolicy(Kind kind, const std::string& name);
+void CheckController(Kind kind, const std::string& name, bool pictures);
+
 /// Counts of episodes, of one trial or of all trials of a Row.
 struct TrialCounts {
   int episodes = 0;

@@ -191,6 +191,10 @@ class ExitCodesTest(unittest.TestCase):
                     done = self.run_program(program_path, "fit", str(path), "--action-limit", values)
                     self.assertEqual((done.returncode, done.stdout), (2, ""))
                     self.assertIn(f"guard: --action-limit: {fault}", done.stderr)
+                for features in ("foo", "obs/foo,tip", "tip[0:9]", "tip,tip", "pca:foo", "points:tip", "points:foo:3"):
+                    done = self.run_program(program_path, "fit", str(path), "--features", features)
+                    self.assertEqual((done.returncode, done.stdout), (2, ""), features)
+                    self.assertIn("guard: --features: ", done.stderr)
             for program, needed in [
                 ("pusher", "states of qpos[0:7],tip[0:3],object[0:3],goal[0:3],red[0:6],tip_tilt[0:3] and controls of 7 entries"),
                 ("line_tracking", "states of tip[0:2],distance[0:1],heading[0:1] and controls of 2 entries"),
@@ -221,6 +225,31 @@ class ExitCodesTest(unittest.TestCase):
                         *_, option, value = call.split()
                         self.assertRegex(done.stderr, rf"\A{program}: .*{option.strip('-').rstrip('s')}.*'{value}'.*\n\Z")
                         self.assertNotIn("no such file", done.stderr)
+
+    def test_a_wrong_name_in_a_configuration_is_reported_with_its_line(self):
+        with tempfile.TemporaryDirectory() as folder:
+            for i, (program, command, key, values, fault) in enumerate([
+                ("pusher", "experiment", "methods", '["baseline", "foo"]', "--methods: unknown method 'foo'"),
+                ("pusher", "experiment", "learners", '["8x0"]', "--learners: "),
+                ("pusher", "experiment", "features", '"foo"', "--features: "),
+                ("line_tracking", "experiment", "methods", '["foo"]', "--methods: unknown method 'foo'"),
+                ("line_tracking", "experiment", "worlds", '["foo"]', "--worlds: unknown world 'foo'"),
+                ("study", "run", "tasks", '["foo"]', "--tasks: unknown task 'foo'"),
+                ("study", "run", "conditions", '["foo"]', "--conditions: unknown condition 'foo'"),
+                ("study", "stress", "controllers", '["dfr/foo"]', "--methods: method 'dfr/foo': unknown support 'foo'"),
+                ("study", "stress", "policies", '["foo"]', "--policies: unknown policy 'foo'"),
+                ("study", "run", "pictures", '"points:foo"', "--pictures: "),
+                ("study", "run", "tasks", '["pusher"]', "--tasks: guards run on tasks of the gallery only"),
+                ("study", "experiment", "methods", '["dfr", "placebo-halts"]', "--methods: unknown method 'placebo-halts'"),
+                ("line_tracking", "experiment", "features", '"foo"', "--features: "),
+            ]):
+                path = pathlib.Path(folder) / f"{i}.toml"
+                path.write_text(f"[{command}]\nseed = 3\n{key} = {values}\n")
+                for program_path in (path for path in PROGRAMS if path.name == program):
+                    with self.subTest(program=program, key=key):
+                        done = self.run_program(program_path, command, "--config", str(path), "--out", f"{folder}/{i}")
+                        self.assertEqual((done.returncode, done.stdout), (2, ""))
+                        self.assertIn(f"{program}: {path}:3: {fault}", done.stderr)
 
     def test_every_number_has_a_range(self):
         """-1 is refused. Each option is given twice, so the command does not run even if -1 is accepted."""
@@ -279,14 +308,23 @@ class ExitCodesTest(unittest.TestCase):
         for program, *calls in [
             ("study", "prove --steps 0", "picture reach --count 0", "certificate --factor=0",
              "compare --demonstrations 2000000000", "detect demos.hdf5 --task pick", "detect --unlike", "rerun out ''",
+             "stress --methods dfr/foo", "stress --methods controller-without-foo", "stress --tasks pusher --policies lwr --methods lwr",
+             "stress --methods placebo-halts", "run --methods monitor/pictures", "picture foo", "picture reach --policy foo",
+             "picture reach --methods monitor/pictures", "compare --first foo", "figure --methods dfr/density", "figure --methods foo",
+             "certificate --task foo", "detect --task foo", "detect --policy foo", "detect --features foo", "ablate --policies foo",
+             *(f"run --tasks push --pictures {features} --out x" for features in ("foo", "points:foo", "points:image:x", "image[9:8]")),
              "rerun out 0/1/2/dfr/3 --film x.png", "power --power 1", "power --bound 1", "compare --alpha 0"),
-            ("pusher", "demonstrate --horizon 2147483647", "train-supervisor --horizon 2147483647", "render --out x.avi", "rerun out 0/1/2/dfr/3 --film x.html",
+            ("pusher", "demonstrate --out x.txt", "demonstrate --out x", "evaluate --methods controller@foo", "evaluate --methods dfr/foo",
+             "evaluate --methods controller-without-foo", "demonstrate --horizon 2147483647", "train-supervisor --horizon 2147483647",
+             "render --out x.avi", "rerun out 0/1/2/dfr/3 --film x.html", "experiment --methods placebo-halts --out x",
              "train-supervisor --out s --checkpoint ./s", "experiment --demonstrations 60,20 --supervisor x.dfr"),
-            ("line_tracking", "run --amplitude 1e308", "run --amplitude 0,0,0,0,0,2", "run --frequency=-1", "render --out x.png",
+            ("line_tracking", "demonstrate --out x.txt", "run --method dfr/foo", "render --method controller@foo", "run --amplitude 1e308",
+             "run --amplitude 0,0,0,0,0,2", "run --frequency=-1", "render --out x.png", "experiment --methods placebo-halts --out x",
              "rerun out 0/1/2/dfr/3 --film x.html", "demonstrate --teleoperation", "experiment --features foo --out x"),
             ("dvrk_simulator", "--period 1e308", "--arm 'a b/c'", "--arm ''", "--server 127.0.0.1", "--amplitude 1e308",
+             "--discovery server --server robot.local",
              "--delay 3", "--jitter=-1", "--clock-jump 1e7", "--platform-speed 1", "--camera-fault fog"),
-            ("hardware", "check --server 127.0.0.1", "certificates keys --participants ../a:button",
+            ("hardware", "check --server 127.0.0.1", "check --discovery server --server robot.local", "certificates keys --participants ../a:button",
              "certificates keys --participants a:button,a:button"),
             ("guard", "export none", "convert none none.hdf5 --id a/b-v0", "fit none --nu 0", "fit none --false-alarms 0",
              "fit none --confidence 1", "fit none --hold-out 0.6"),

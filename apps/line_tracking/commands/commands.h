@@ -55,7 +55,7 @@ struct FitOptions {
   LineModelOptions model;
 };
 void RunFit(const FitOptions& options);
-/// Returns the layout of states. @throws UsageError if `features` are not part of it.
+/// Returns the layout of states. @throws std::invalid_argument if `features` are not part of it.
 core::StateLayout LayoutWith(const std::string& features);
 
 inline constexpr const char* kNoRecordings = "none";

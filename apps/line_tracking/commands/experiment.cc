@@ -48,10 +48,7 @@ experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {
   plan.trials = paper ? 5 : 2;
   plan.episodes = paper ? 50 : 15;
   plan = experiment::ApplyTo(std::move(plan), options);
-  for (const std::string& method : plan.methods) {
-    static_cast<void>(study::ParseCompared(method, kOtherLineMethods));
-  }
-  study::CheckPlacebos(plan.methods);
+  ValueOf("--methods", [&plan] { study::CheckPlacebos(plan.methods); });
   std::ranges::copy_if(plan.methods, std::back_inserter(plan.policies), [](const auto& method) {
     return study::IsPolicy(method) || method == "proportional";
   });
@@ -292,8 +289,6 @@ std::vector<experiment::ReportMedia> RecordEpisodes(LineTrialRunner& runner,
 
 void RunExperiment(const ExperimentOptions& options) {
   const experiment::EvaluationPlan plan = MakePlan(options);
-  for (const std::string& world : plan.learners) static_cast<void>(InWorld(options.plant, world));
-  static_cast<void>(LayoutWith(options.model.support_features));
   ValueOf("--methods, --worlds", [&plan] { experiment::CheckPlan(plan); });
   const experiment::OutputFolder folder(options, plan);
   // Calibration takes seconds and runs at the first call: a shard that has no units or is rejected

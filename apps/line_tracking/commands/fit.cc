@@ -1,7 +1,6 @@
 #include <iostream>
 
 #include "apps/inputs.h"
-#include "apps/usage_error.h"
 #include "commands/commands.h"
 #include "dfr/core/features/features.h"
 #include "dfr/core/text/format.h"
@@ -15,7 +14,7 @@ core::StateLayout LayoutWith(const std::string& features) {
   uncalibrated.calibration = kNoCalibration;
   const line_task::LineTask task(LoadCalibration(uncalibrated),
                                  sim::LineTrackingPlant::p_world_base());
-  ValueOf("--features", [&] { core::FeatureSelection(task.layout(), features); });
+  core::FeatureSelection(task.layout(), features);
   return task.layout();
 }
 

@@ -167,7 +167,6 @@ recording::RecordingMetadata RunMetadata(const RobotConfig& config, std::uint64_
 void RunRun(const RunOptions& options) {
   if (options.episodes < 1) throw std::invalid_argument("--episodes must be positive");
   const RobotConfig config = Configuration(options);
-  static_cast<void>(study::ParseMethod(config.method, kRobotLineMethods));
   const LineModel model = LineModel::Load(config.model);
   CheckProvenance(config, config.model, model.demonstrations().provenance,
                   "Demonstrate with this robot and fit again");
@@ -209,7 +208,6 @@ void RunReplay(const ReplayOptions& options) {
 }
 
 void RunRender(const RenderOptions& options) {
-  static_cast<void>(study::ParseMethod(options.method, kLoadedLineMethods));
   LineModel model = LineModel::Load(options.model);
   LineTrialRunner runner(std::move(model), {options.method}, options.scene.plant,
                          LoadCalibration(options.scene));

@@ -12,12 +12,14 @@
 #include <utility>
 
 #include "apps/study/study.h"
+#include "apps/usage_error.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/features/absolute_actions.h"
 #include "dfr/core/numerics/quantile.h"
 #include "dfr/core/random.h"
 #include "dfr/core/text/format.h"
 #include "dfr/experiment/intervals.h"
+#include "dfr/reduction/state_reduction.h"
 #include "dfr/study/detectors.h"
 
 namespace dfr::study {
@@ -171,8 +173,13 @@ const char* DetectionSources() noexcept {
 
 DetectionSet LoadDetection(const Detection& detection) {
   DetectionSet set{.demonstrations = {}, .further = {}, .features = detection.features};
+  const auto check_features = [&detection](const core::StateLayout& layout) {
+    apps::ValueOf("--features",
+                  [&] { reduction::StateReduction::CheckFeatures(layout, detection.features); });
+  };
   if (detection.files.empty()) {
     const sim::GalleryTask& task = sim::FindGalleryTask(detection.task);
+    check_features(task.plant->layout());
     set.demonstrations = {.layout = task.plant->layout(),
                           .control_dim = task.plant->control_dim(),
                           .environment = task.name,
@@ -184,6 +191,7 @@ DetectionSet LoadDetection(const Detection& detection) {
     return set;
   }
   set.demonstrations = Load(detection.files[0]);
+  check_features(set.demonstrations.layout);
   std::vector<core::Trajectory>& all = set.demonstrations.trajectories;
   const auto load_more = [&](const std::filesystem::path& file) {
     imitation::DemonstrationSet more = Load(file);

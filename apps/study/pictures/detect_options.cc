@@ -3,6 +3,7 @@
 #include <CLI/CLI.hpp>
 
 #include "apps/command_line.h"
+#include "apps/study/study.h"
 
 namespace dfr::study {
 
@@ -21,9 +22,11 @@ void AddOptions(CLI::App& command, Detection& detection) {
       ->needs(failures);
   failures->needs(file);
   command.add_option("--task", detection.task, "task of the gallery")
+      ->check(dfr::apps::ReadBy(sim::FindGalleryTask))
       ->excludes(file)
       ->capture_default_str();
   command.add_option("--policy", detection.policy, "policy of the task's further episodes")
+      ->check(dfr::apps::ReadBy([](const std::string& name) { CheckPolicy(Kind::kGuards, name); }))
       ->excludes(file)
       ->capture_default_str();
   command

@@ -203,7 +203,6 @@ void PrintCertificate(const PlanarStudy& study) {
 
 void Picture(const PlanarStudy& study, const std::vector<std::string>& names, std::uint64_t start,
              const std::filesystem::path& folder) {
-  for (const std::string& name : names) static_cast<void>(SupportOf(name));
   const Task task = MakeTask(study.task);
   const Methods methods = FitMethods(task, study);
   std::filesystem::create_directories(folder);
@@ -229,7 +228,9 @@ void Picture(const PlanarStudy& study, const std::vector<std::string>& names, st
 }
 
 void AddTask(CLI::App& command, PlanarStudy& study) {
-  command.add_option("--task", study.task, "corridor, push or push-weak")->capture_default_str();
+  command.add_option("--task", study.task, "corridor, push or push-weak")
+      ->check(apps::ReadBy(MakeTask))
+      ->capture_default_str();
   command.add_option("--demonstrations", study.demonstrations, "number of demonstrations")
       ->check(apps::kModelDemonstrations)
       ->capture_default_str();
@@ -335,6 +336,10 @@ void AddFigure(CLI::App& app, Commands& commands) {
       ->capture_default_str();
   figure->add_option("--methods", *methods, "methods, with one picture each")
       ->delimiter(',')
+      ->check(apps::ReadBy([](const std::string& name) {
+        static_cast<void>(ParseMethod(name, kPlanarMethods));
+        static_cast<void>(SupportOf(name));
+      }))
       ->capture_default_str();
   commands.emplace_back(figure, [=] { Picture(*study, *methods, *start, *folder); });
 }

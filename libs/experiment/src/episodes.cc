@@ -12,6 +12,7 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/text/format.h"
 #include "dfr/core/text/take_until.h"
+#include "dfr/core/text/usage_error.h"
 
 namespace dfr::experiment {
 namespace {
@@ -40,8 +41,8 @@ class Known {
     const auto check = [](bool known, const char* what, const std::string& name,
                           const std::string& names) {
       if (known) return;
-      throw std::runtime_error(std::string("unknown ") + what + " '" + name + "'" +
-                               (names.empty() ? "" : "; valid: " + names));
+      throw core::UsageError(std::string("unknown ") + what + " '" + name + "'" +
+                             (names.empty() ? "" : "; valid: " + names));
     };
     check(method_, "method", filter.method, methods_);
     check(partner_, "method", filter.against.method, methods_);
@@ -116,7 +117,13 @@ RecordedEpisode FindEpisode(const std::filesystem::path& folder, std::string_vie
                              ": this build cannot run its episodes again: " + difference);
   }
   const EvaluationPlan& plan = ledger.header.plan;
-  const EpisodeId id = ParseEpisode(name, plan);
+  const EpisodeId id = [&] {
+    try {
+      return ParseEpisode(name, plan);
+    } catch (const std::invalid_argument& e) {
+      throw core::UsageError(e.what());
+    }
+  }();
   for (const LedgerRecord& record : ledger.records) {
     if (record.result.unit != id.unit) continue;
     const auto start = static_cast<std::size_t>(id.start);

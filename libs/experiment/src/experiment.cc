@@ -14,6 +14,7 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/files/atomic_file.h"
 #include "dfr/core/text/format.h"
+#include "dfr/core/text/usage_error.h"
 #include "dfr/experiment/episodes.h"
 #include "dfr/experiment/film.h"
 #include "ledger/ledger_file.h"
@@ -74,7 +75,7 @@ void RunAgain(const EvaluationPlan& plan, const MakeTrialRunner& make,
       std::string error = options.out.string();
       error.append(": the run has no method '").append(name).append("'; it has");
       for (const std::string& method : plan.methods) error.append(" ").append(method);
-      throw std::runtime_error(error);
+      throw core::UsageError(error);
     }
     methods.push_back(static_cast<int>(found - plan.methods.begin()));
   }

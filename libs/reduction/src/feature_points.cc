@@ -130,11 +130,7 @@ FeaturePoints::Workspace::Workspace(const FeaturePoints& points)
       windows_(points.patches_.cols(), points.columns()),
       logits_(points.patches_.rows(), points.rows() * points.columns()) {}
 
-FeaturePoints::FeaturePoints(const core::PictureShape& shape, int side, double sharpness,
-                             core::Matrix patches)
-    : shape_(shape), side_(side), sharpness_(sharpness), patches_(std::move(patches)) {
-  DFR_THROW_UNLESS(side >= 1 && side <= kMostSide,
-                   "the side of a patch must lie in [1, " << kMostSide << "], not " << side);
+void FeaturePoints::CheckShape(const core::PictureShape& shape, int side) {
   DFR_THROW_UNLESS(shape.channels == 1 || shape.channels == 3,
                    "channels must be 1 or 3, not " << shape.channels);
   DFR_THROW_UNLESS(shape.height >= side && shape.width >= side &&
@@ -142,6 +138,14 @@ FeaturePoints::FeaturePoints(const core::PictureShape& shape, int side, double s
                    "feature points need pictures of " << side << " to " << kMostPixelsASide
                                                       << " pixels a side, not " << shape.height
                                                       << " x " << shape.width);
+}
+
+FeaturePoints::FeaturePoints(const core::PictureShape& shape, int side, double sharpness,
+                             core::Matrix patches)
+    : shape_(shape), side_(side), sharpness_(sharpness), patches_(std::move(patches)) {
+  DFR_THROW_UNLESS(side >= 1 && side <= kMostSide,
+                   "the side of a patch must lie in [1, " << kMostSide << "], not " << side);
+  CheckShape(shape, side);
   DFR_THROW_UNLESS(
       patches_.rows() >= 1 && patches_.rows() <= kMostPoints,
       "the number of points must lie in [1, " << kMostPoints << "], not " << patches_.rows());

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <span>
 #include <stdexcept>
 #include <utility>
 
@@ -102,6 +103,16 @@ Asked ParseAsked(const core::StateLayout& layout, std::string_view item, bool po
     if (option == "grey") asked.picture->grey = true;
   }
   return asked;
+}
+
+// Calls function(). Its std::invalid_argument gets the name of the feature.
+template <typename Function>
+void WithItem(std::string_view item, Function function) {
+  try {
+    function();
+  } catch (const std::invalid_argument& e) {
+    throw std::invalid_argument("feature '" + std::string(item) + "': " + e.what());
+  }
 }
 
 }  // namespace
@@ -229,22 +240,10 @@ Reduction StateReduction::FitPart(Part& part, int components,
   return {fit.mean, fit.scale, core::Multiply(slow.directions.topRows(kept), fit.components)};
 }
 
-StateReduction StateReduction::Fit(const core::StateLayout& layout, std::string_view features,
-                                   std::span<const core::Trajectory> demonstrations, int threads) {
-  std::vector<Part> parts;
-  std::string plain;
-  const auto add = [&](Part part, std::string_view feature) {
-    const bool again = std::ranges::count(parts, part.name, &Part::name) > 0;
-    // Several ranges of a block form one part.
-    DFR_THROW_UNLESS(!again || !part.reduction,
-                     "feature '" << feature << "' names a block that is listed already");
-    for (const Part& other : parts) {
-      DFR_THROW_UNLESS(other.name != part.name || !other.reduction,
-                       "feature '" << feature << "' is part of a block that is reduced");
-    }
-    if (!again) parts.push_back(std::move(part));
-    plain.append(plain.empty() ? "" : ",").append(feature);
-  };
+std::vector<StateReduction::Requested> StateReduction::Parse(const core::StateLayout& layout,
+                                                             std::string_view features) {
+  std::vector<Requested> requested;
+  std::string copied;
   while (!features.empty()) {
     const std::string_view item = core::TakeUntil(features, ',');
     const std::string_view prefix = core::ReductionPrefix(item);
@@ -255,26 +254,68 @@ StateReduction StateReduction::Fit(const core::StateLayout& layout, std::string_
     const std::string name = asked ? asked->name : std::string(item.substr(0, item.find('[')));
     const auto block = std::ranges::find(layout.blocks, name, &core::StateLayout::Block::name);
     if (block == layout.blocks.end()) core::FeatureSelection(layout, item);  // Throws.
-    Part part{.name = name, .offset = block->offset, .size = block->size, .kind = kind};
-    if (!asked) {
-      DFR_THROW_UNLESS(block->picture.height == 0,
-                       "feature '" << item << "' is a picture: put points: or pca: before it");
-      add(std::move(part), item);
+    Requested& added = requested.emplace_back();
+    added.part.name = name;
+    added.part.offset = block->offset;
+    added.part.size = block->size;
+    added.part.kind = kind;
+    added.item = item;
+    added.feature = asked ? std::string(prefix) + name : std::string(item);
+    added.reduces = asked.has_value();
+    DFR_THROW_UNLESS(asked || block->picture.height == 0,
+                     "feature '" << item << "' is a picture: put points: or pca: before it");
+    if (asked) {
+      added.components = asked->components;
+      added.part.open = asked->components == 0;
+      WithItem(item, [&] {
+        if (asked->picture) added.part.picture.emplace(*asked->picture);
+        if (kind == Kind::kPoints) FeaturePoints::CheckShape(ShapeOf(*added.part.picture));
+      });
+    } else {
+      copied.append(copied.empty() ? "" : ",").append(item);
+    }
+    for (const Requested& other : std::span(requested).first(requested.size() - 1)) {
+      if (other.part.name != name) continue;
+      // Several ranges of a block form one part.
+      DFR_THROW_UNLESS(!asked,
+                       "feature '" << added.feature << "' names a block that is listed already");
+      DFR_THROW_UNLESS(!other.reduces,
+                       "feature '" << added.feature << "' is part of a block that is reduced");
+    }
+  }
+  if (!copied.empty()) core::FeatureSelection(layout, copied);
+  return requested;
+}
+
+void StateReduction::CheckFeatures(const core::StateLayout& layout, std::string_view features) {
+  if (Requests(features).empty()) {
+    static_cast<void>(core::FeatureSelection::Of(layout, features));
+  } else {
+    static_cast<void>(Parse(layout, features));
+  }
+}
+
+StateReduction StateReduction::Fit(const core::StateLayout& layout, std::string_view features,
+                                   std::span<const core::Trajectory> demonstrations, int threads) {
+  std::vector<Part> parts;
+  std::string plain;
+  for (Requested& requested : Parse(layout, features)) {
+    Part& part = requested.part;
+    plain.append(plain.empty() ? "" : ",").append(requested.feature);
+    if (!requested.reduces) {
+      if (std::ranges::count(parts, part.name, &Part::name) == 0) parts.push_back(std::move(part));
       continue;
     }
-    part.open = asked->components == 0;
-    try {
-      if (asked->picture) part.picture.emplace(*asked->picture);
+    WithItem(requested.item, [&] {
+      const int components = requested.components;
       Reduction reduction =
-          FitPart(part, part.open ? kMostChosen : asked->components, demonstrations, threads);
+          FitPart(part, part.open ? kMostChosen : components, demonstrations, threads);
       DFR_THROW_UNLESS(
-          reduction.num_components() >= asked->components,
-          "there are " << reduction.num_components() << " components, not " << asked->components);
+          reduction.num_components() >= components,
+          "there are " << reduction.num_components() << " components, not " << components);
       part.reduction = std::move(reduction);
-    } catch (const std::invalid_argument& e) {
-      throw std::invalid_argument("feature '" + std::string(item) + "': " + e.what());
-    }
-    add(std::move(part), std::string(prefix) + name);
+    });
+    parts.push_back(std::move(part));
   }
   return {layout, std::move(parts), std::move(plain)};
 }

@@ -98,6 +98,10 @@ class AppsTest(unittest.TestCase):
                               check=True)
         name = done.stdout.split("  ")[0]
         self.run_program("rerun", folder, name, "--film", FILM)
+        for arguments in (["rerun", folder, name + "9999"], ["rerun", folder, "first"], ["rerun", folder, "99" + name],
+                          ["rerun", folder, name, "--methods", "magic"], ["episodes", folder, "--method", "magic"]):
+            done = subprocess.run([PROGRAM, *arguments], cwd=self.folder, text=True, capture_output=True, check=False)
+            self.assertEqual((done.returncode, done.stdout), (2, ""), done.stderr)
         self.assertGreater((self.folder / FILM).stat().st_size, 1000)
         if FILM.endswith(".html"):
             text = (self.folder / FILM).read_text()

@@ -36,25 +36,32 @@ constexpr int kDeepest = 8;
 // a small file can grow exponentially with the depth.
 constexpr int kMostObjects = 1 << 10;
 
+// Throws RequestError naming the file, `path` and `reason`.
+[[noreturn]] void RefuseRequest(const Hdf5Reader& file, const std::string& path,
+                                const std::string& reason) {
+  throw RequestError(file.name() + ": " + path + ": " + reason);
+}
+
 // Returns the key of a dataset (N, height, width) or (N, height, width, channels). The key's offset
 // places pictures after all other datasets.
 Key PictureKey(const Hdf5Reader& file, const std::string& path, const std::string& name,
                const std::vector<std::int64_t>& shape) {
   constexpr std::int64_t kMost = 1 << 13;
   if (shape.size() > 4) {
-    file.Fail(path,
-              "holds no pictures: a dataset of pictures has 3 or 4 dimensions, (steps, height, "
-              "width, channels), not " +
-                  std::to_string(shape.size()));
+    RefuseRequest(file, path,
+                  "holds no pictures: a dataset of pictures has 3 or 4 dimensions, (steps, height, "
+                  "width, channels), not " +
+                      std::to_string(shape.size()));
   }
-  if (!file.IsNumeric(path)) file.Fail(path, "is not numeric");
+  if (!file.IsNumeric(path)) RefuseRequest(file, path, "is not numeric");
   const std::int64_t channels = shape.size() == 4 ? shape[3] : 1;
   if (shape[1] < 1 || shape[1] > kMost || shape[2] < 1 || shape[2] > kMost ||
       (channels != 1 && channels != 3)) {
-    file.Fail(path, "holds pictures of " + std::to_string(shape[1]) + " x " +
-                        std::to_string(shape[2]) + " x " + std::to_string(channels) +
-                        "; height and width must lie in [1, " + std::to_string(kMost) +
-                        "], and channels, the last dimension, must be 1 or 3");
+    RefuseRequest(file, path,
+                  "holds pictures of " + std::to_string(shape[1]) + " x " +
+                      std::to_string(shape[2]) + " x " + std::to_string(channels) +
+                      "; height and width must lie in [1, " + std::to_string(kMost) +
+                      "], and channels, the last dimension, must be 1 or 3");
   }
   const core::PictureShape picture{static_cast<int>(shape[1]), static_cast<int>(shape[2]),
                                    static_cast<int>(channels)};
@@ -146,8 +153,9 @@ core::StateLayout PartLayout(const Hdf5Reader& file, const std::string& episode,
                      [](const Key& a, const Key& b) { return a.offset < b.offset; });
   }
   for (const std::string& name : pictures) {
-    if (std::ranges::count(keys, name, &Key::name) == 0)
-      file.Fail(core::Format("%s/%s", path.c_str(), name.c_str()), "does not exist");
+    if (std::ranges::count(keys, name, &Key::name) == 0) {
+      RefuseRequest(file, core::Format("%s/%s", path.c_str(), name.c_str()), "does not exist");
+    }
   }
   if (keys.empty()) file.Fail(path, "has no vector-valued dataset");
   core::StateLayout layout;

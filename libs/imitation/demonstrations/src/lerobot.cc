@@ -194,11 +194,12 @@ class LeRobotReader final : public DemonstrationReader {
       if (std::ranges::count(layout_.blocks, picture.name, &core::StateLayout::Block::name) > 0) {
         continue;
       }
-      Fail(InfoFile(folder_), picture.name + " is neither a vector of numbers nor a video; " +
-                                  (videos.empty() ? "the dataset has no video"
-                                                  : "the dataset's videos are " + videos) +
-                                  ". Images in Parquet files are not read: load them in Python "
-                                  "and pass them to Guard.fit");
+      throw RequestError(
+          InfoFile(folder_).string() + ": " + picture.name +
+          " is neither a vector of numbers nor a video; " +
+          (videos.empty() ? "the dataset has no video" : "the dataset's videos are " + videos) +
+          ". Images in Parquet files are not read: load them in Python "
+          "and pass them to Guard.fit");
     }
     if (!left.empty()) note_ = "images and videos are skipped: " + left;
     if (!videos.empty() && pictures.empty()) {

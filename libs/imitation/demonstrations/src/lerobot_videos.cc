@@ -10,6 +10,7 @@
 #include "dfr/core/error.h"
 #include "dfr/core/files/read_file.h"
 #include "dfr/core/text/format.h"
+#include "dfr/imitation/demonstrations.h"
 #include "parquet/parquet_file.h"
 
 namespace dfr::imitation::internal {
@@ -113,11 +114,11 @@ core::PictureShape LeRobotVideos::Add(const core::BlockRequest& request,
     picture.width = std::max(1, frame->width * kSide / longer);
   }
   if (picture.height > frame->height || picture.width > frame->width) {
-    Refuse(info,
-           core::Format("the frames of %s have %d x %d pixels, fewer than %d x %d",
-                        request.name.c_str(), frame->height, frame->width, picture.height,
-                        picture.width),
-           "request a smaller size");
+    throw RequestError(info.string() + ": " +
+                           core::Format("the frames of %s have %d x %d pixels, fewer than %d x %d",
+                                        request.name.c_str(), frame->height, frame->width,
+                                        picture.height, picture.width),
+                       "request a smaller size");
   }
   videos_[request.name] = {static_cast<int>(videos_.size()), *frame, picture, {}};
   return picture;

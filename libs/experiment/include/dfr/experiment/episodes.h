@@ -38,7 +38,7 @@ struct RecordedEpisode {
 /// Returns the episode called `name` from the ledger in `folder`. `now` is the header that the
 /// ledger must match for this build to repeat the episode; nullptr: no check.
 /// @throws std::runtime_error naming the folder and the first field that differs, or the unfinished
-///   unit of the episode; and as ReadLedger() and ParseEpisode().
+///   unit of the episode; core::UsageError as ParseEpisode(); and as ReadLedger().
 [[nodiscard]] RecordedEpisode FindEpisode(const std::filesystem::path& folder,
                                           std::string_view name, const LedgerHeader* now = nullptr);
 

@@ -41,6 +41,8 @@ class Hdf5Reader {
   [[nodiscard]] std::optional<std::string> TextAttribute(const std::string& path,
                                                          const char* name) const;
 
+  /// Name of the file.
+  [[nodiscard]] const std::string& name() const noexcept { return name_; }
   [[noreturn]] void Fail(const std::string& path, const std::string& reason) const;
   /// Fails if the file is too small for this many doubles.
   void CheckSize(const std::string& path, std::int64_t rows, std::int64_t cols) const;

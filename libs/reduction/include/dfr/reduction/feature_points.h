@@ -58,6 +58,10 @@ class FeaturePoints {
   ///   finite or exceeds 1e6 in magnitude.
   FeaturePoints(const core::PictureShape& shape, int side, double sharpness, core::Matrix patches);
 
+  /// Checks the shape of pictures for the constructor and Fit().
+  /// @throws std::invalid_argument if a size is out of range.
+  static void CheckShape(const core::PictureShape& shape, int side = FeaturePointsOptions().side);
+
   /// Finds patches by k-means on the random windows whose variance is above the median (Coates and
   /// Ng, AISTATS 2011). Reads the pictures once.
   /// @param pictures  height x width x channels entries per row.

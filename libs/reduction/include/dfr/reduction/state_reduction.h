@@ -68,6 +68,11 @@ class StateReduction {
   /// sizes. Ignores malformed options, which Fit() rejects.
   [[nodiscard]] static std::vector<core::BlockRequest> Requests(std::string_view features);
 
+  /// Checks features for Fit(), or for core::FeatureSelection if none is reduced, without
+  /// demonstrations.
+  /// @throws std::invalid_argument naming the feature and its defect.
+  static void CheckFeatures(const core::StateLayout& layout, std::string_view features);
+
   /// Fits the components and the novelty of pictures to the states of all demonstrations. A block
   /// whose request gives no number of components gets at most kMostChosen.
   /// @param threads  0: one per core. The result does not depend on it.
@@ -163,8 +168,17 @@ class StateReduction {
       return reduction ? reduction->num_components() : size;
     }
   };
+  /// An entry of a list of features.
+  struct Requested {
+    Part part;  ///< Its reduction is missing.
+    std::string item;
+    std::string feature;   ///< Feature of reduced states.
+    bool reduces = false;  ///< False: entries are copied.
+    int components = 0;    ///< 0: Fit() chooses.
+  };
   class Rows;
 
+  static std::vector<Requested> Parse(const core::StateLayout& layout, std::string_view features);
   static Reduction FitPart(Part& part, int components,
                            std::span<const core::Trajectory> demonstrations, int threads);
   /// Reduces a picture to `out` and returns its novelty.

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "dfr/core/error.h"
 #include "dfr/core/features/features.h"
 #include "dfr/core/files/provenance.h"
 #include "dfr/core/trajectory.h"
@@ -47,6 +48,12 @@ class DemonstrationReader {
   [[nodiscard]] virtual core::Trajectory Read(int i) const = 0;
 };
 
+/// A requested picture that the demonstrations do not have, or not in the requested size.
+class RequestError : public core::Error {
+ public:
+  using core::Error::Error;
+};
+
 /// Opens demonstrations in robomimic's, Minari's (see minari.h) or LeRobot's (see lerobot.h)
 /// format. Detects the format.
 /// @param filter_key  reads only the episodes under this key, for example robomimic's mask/train or
@@ -54,8 +61,8 @@ class DemonstrationReader {
 /// @param pictures  datasets or videos that must exist. Pictures among them become parts of the
 ///   state: datasets (steps, height, width) or (steps, height, width, 1 or 3 channels), and
 ///   LeRobot's videos. Other pictures are skipped. The size of a request applies only to videos.
-/// @throws std::runtime_error naming the file and reason, also if the key or a picture does not
-///   exist.
+/// @throws RequestError naming the file and the picture; std::runtime_error naming the file and
+///   reason, also if the key does not exist.
 [[nodiscard]] std::unique_ptr<DemonstrationReader> OpenDemonstrations(
     const std::filesystem::path& path, const std::string& filter_key = "",
     const std::vector<core::BlockRequest>& pictures = {});

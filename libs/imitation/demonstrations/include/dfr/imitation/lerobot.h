@@ -29,9 +29,9 @@ namespace dfr::imitation {
 ///   counts as completed.
 /// @param filter_key  a split of meta/info.json, for example "train"; empty: all episodes.
 /// @param pictures  features that must exist. Videos among them become parts of the state.
-/// @throws std::runtime_error naming the file, the column or episode, and the reason; Read() also
-///   if a video is missing, does not decode, is shorter than its episode or differs from
-///   meta/info.json.
+/// @throws RequestError as OpenDemonstrations(); std::runtime_error naming the file, the column or
+///   episode, and the reason; Read() also if a video is missing, does not decode, is shorter than
+///   its episode or differs from meta/info.json.
 [[nodiscard]] std::unique_ptr<DemonstrationReader> OpenLeRobot(
     const std::filesystem::path& folder, const std::string& filter_key = "",
     const std::vector<core::BlockRequest>& pictures = {});
