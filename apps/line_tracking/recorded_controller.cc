@@ -105,8 +105,9 @@ bool ReplayRecording(const std::filesystem::path& path, const std::filesystem::p
     std::cout << "  this program is of commit " << core::BuildCommit()
               << ", whose methods may decide differently\n";
   }
-  if (!log.finished)
+  if (!log.finished) {
     std::cout << "  it is incomplete: its program was killed, or is still running\n";
+  }
   if (log.dropped_records > 0) {
     std::cout << "  " << log.dropped_records << " records are missing\n";
   }
