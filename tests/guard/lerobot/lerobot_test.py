@@ -112,7 +112,7 @@ class LeRobotTest(unittest.TestCase):
             ("delta", None, [], "column episode_index has the encoding DELTA_BINARY_PACKED; PLAIN, dictionaries and"),
             ("v30", None, ["--filter-key", "valid"], "info.json: has no split 'valid'; it has test, train"),
             ("v30", setting("splits", {"valid": "a:b"}), ["--filter-key", "valid"], 'split \'valid\' is "a:b", not'),
-            ("v30", setting("total_episodes", 25), [], "total_episodes is 25, but the files below data hold 24: is the"),
+            ("v30", setting("total_episodes", 25), [], "total_episodes is 25, but the files below data hold 24: check that the download"),
             ("v30", setting("total_frames", "many"), [], 'total_frames is "many"'),
             ("v30", setting("codebase_version", "v1.6"), [], "codebase_version is 'v1.6'; v2.0 to v3.0 can be read"),
             ("v30", without("features", "action"), [], "has no feature 'action'"),
