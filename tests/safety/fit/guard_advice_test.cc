@@ -362,6 +362,20 @@ TEST(GuardAdviceTest, MotionUnderAZeroActionIsNamedForACertificate) {
   }
 }
 
+TEST(GuardAdviceTest, ErrorsAsLargeAsTheEffectsAreNamedForACertificate) {
+  const auto model = GoodModel();
+  for (const Strategy strategy : {Strategy::kGuard, Strategy::kCertified}) {
+    for (const double share : {0.99, 1.0}) {
+      GuardSettings settings = model->settings();
+      settings.strategy = strategy;
+      settings.direction_error = share * model->summary().gain.value;
+      EXPECT_EQ(testing::Value(Warnings(*model->With(settings)),
+                               testing::Contains(HasSubstr("can certify almost no action"))),
+                strategy == Strategy::kCertified && share == 1.0);
+    }
+  }
+}
+
 // Warnings judge every third transition. In one order these would be the contradictory ones.
 TEST(GuardAdviceTest, WarningsDoNotDependOnTheOrderOfDemonstrations) {
   const auto model = GoodModel();

@@ -97,6 +97,14 @@ std::vector<std::string> Warnings(const GuardModel& model) {
         "will meet, and mix them",
         -summary.drift_level, -settings.alarm_level));
   }
+  if (settings.strategy == Strategy::kCertified && settings.direction_error >= summary.gain.value) {
+    warnings.push_back(core::Format(
+        "the predicted effects of actions err by up to %.3g per unit of action, and the effects "
+        "are "
+        "at most %.3g: a certified guard can certify almost no action. Use another strategy, or "
+        "features on which actions have a regular effect",
+        settings.direction_error, summary.gain.value));
+  }
   for (std::size_t i = 0; i < model.actions().entries().size(); ++i) {
     const ActionEntry& entry = model.actions().entries()[i];
     const double limit = settings.action_limit[i];

@@ -14,7 +14,8 @@ namespace dfr::safety {
 /// Returns reasons not to use a guard, each with its remedy: too few demonstrations to separate
 /// modes; left-out demonstrations whose states or predictions are mostly outside, whose actions the
 /// guard would change, or whose actions the features do not determine; an alarm level far outside;
-/// recording conditions that drift; an action limit or a horizon unlike demonstrations; and
+/// recording conditions that drift; an action limit or a horizon unlike demonstrations; for
+/// Strategy::kCertified, predicted effects that err as much as effects are large; and
 /// GuardSummary::fit_warnings.
 [[nodiscard]] std::vector<std::string> Warnings(const GuardModel& model);
 /// Returns GuardSummary::fit_warnings: entries of an action that are not steered, features that
