@@ -103,10 +103,11 @@ class EmergencyStop {
  public:
   virtual ~EmergencyStop() = default;
 
+  /// Returns kEmergencyStop from a press on until Acknowledge(), even if the button was released.
   [[nodiscard]] virtual ThreadHealth Report() noexcept = 0;
   /// Called once per period: signals that the loop is alive and reports its state.
   virtual void Beat(runtime::RunState state) noexcept = 0;
-  /// Confirms that the operator has noticed the stop.
+  /// Confirms that the operator has noticed the stop. Ends the report of a released button.
   virtual void Acknowledge() noexcept = 0;
 };
 
