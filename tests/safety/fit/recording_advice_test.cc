@@ -163,5 +163,102 @@ TEST(RecordingAdviceTest, AGoalIsNotAFeatureToLeaveOut) {
   EXPECT_THAT(Warnings(*good), Not(Contains(HasSubstr("like a goal"))));
 }
 
+// What decides the direction of a drive to a turning point and back. Its second action entry
+// follows the position across the track.
+enum class Decides { kHidden, kFlag, kOdometer };
+
+std::vector<core::Trajectory> DrivesThereAndBack(Decides decides) {
+  constexpr int kSteps = 60;
+  core::Random random(11);
+  std::vector<core::Trajectory> demonstrations;
+  for (int i = 0; i < 40; ++i) {
+    core::Trajectory d{core::Matrix::Zero(kSteps + 1, 3), core::Matrix(kSteps, 2)};
+    const double pace = 0.08 * random.Uniform(0.85, 1.15);
+    const double turn = decides == Decides::kOdometer ? 2.0 : 2.0 + 0.2 * random.Normal();
+    d.states.row(0) << 0.2 * random.Normal(), 0.2 * random.Normal(), 0.0;
+    bool back = false;
+    for (int t = 0; t < kSteps; ++t) {
+      const double odometer = d.states(t, 2);
+      back = back || (decides == Decides::kOdometer ? odometer : d.states(t, 0)) > turn;
+      if (decides == Decides::kFlag) d.states(t, 2) = back ? 1.0 : 0.0;
+      d.controls.row(t) << (back ? -pace : pace) * (1.0 + 0.05 * random.Normal()),
+          -0.1 * d.states(t, 1) + 0.01 * random.Normal();
+      d.states.row(t + 1) = d.states.row(t);
+      d.states.row(t + 1).head(2) += d.controls.row(t);
+      if (decides == Decides::kOdometer) d.states(t + 1, 2) += std::abs(d.controls(t, 0));
+    }
+    // Without a decisive entry the third one is noise.
+    if (decides == Decides::kHidden) {
+      for (double& x : d.states.col(2)) x = random.Normal();
+    }
+    demonstrations.push_back(std::move(d));
+  }
+  return demonstrations;
+}
+
+TEST(RecordingAdviceTest, OppositeActionsAtOnePlaceNeedTheEntryThatDecides) {
+  core::StateLayout layout;
+  layout.Add("tip", 2);
+  layout.Add("other", 1);
+  const auto warnings = FittedWarnings(layout, DrivesThereAndBack(Decides::kHidden));
+  EXPECT_THAT(warnings, Contains(testing::MatchesRegex(
+                            "near steps [12][0-9] to [23][0-9] demonstrations act oppositely in "
+                            "entry 0 of an action at the same place \\([123][0-9] %\\): add .*")));
+  for (const Decides decides : {Decides::kFlag, Decides::kOdometer}) {
+    EXPECT_THAT(FittedWarnings(layout, DrivesThereAndBack(decides)),
+                Not(Contains(HasSubstr("act oppositely"))));
+  }
+}
+
+// Many noisy entries each show a little of what decides. Near states then mix both directions, and
+// only a regression separates them.
+TEST(RecordingAdviceTest, ManyNoisyEntriesExplainOppositeActions) {
+  constexpr int kOthers = 16;
+  core::Random random(12);
+  core::StateLayout layout;
+  layout.Add("tip", 2);
+  layout.Add("other", kOthers);
+  for (const double signal : {0.0, 0.4}) {
+    auto demonstrations = DrivesThereAndBack(Decides::kFlag);
+    for (core::Trajectory& d : demonstrations) {
+      const Eigen::VectorXd flag = d.states.col(2);
+      d.states.conservativeResize(Eigen::NoChange, 2 + kOthers);
+      for (Eigen::Index t = 0; t < flag.size(); ++t) {
+        for (double& x : d.states.row(t).tail(kOthers)) {
+          x = signal * (2.0 * flag[t] - 1.0) + random.Normal();
+        }
+      }
+    }
+    const auto opposite = Contains(HasSubstr("act oppositely in entry 0"));
+    const auto warnings = FittedWarnings(layout, demonstrations);
+    if (signal == 0.0) {
+      EXPECT_THAT(warnings, opposite);
+    } else {
+      EXPECT_THAT(warnings, Not(opposite));
+    }
+  }
+}
+
+// Demonstrations pass a pillar on either side, half of them each, and differ in noise.
+TEST(RecordingAdviceTest, AChoiceBetweenWaysIsNoOppositeAction) {
+  constexpr int kSteps = 60;
+  core::Random random(13);
+  std::vector<core::Trajectory> demonstrations;
+  for (int i = 0; i < 40; ++i) {
+    core::Trajectory d{core::Matrix(kSteps + 1, 2), core::Matrix(kSteps, 3)};
+    const double side = i % 2 == 0 ? 1.0 : -1.0;
+    d.states.row(0) << 0.1 * random.Normal(), 0.2 * random.Normal();
+    for (int t = 0; t < kSteps; ++t) {
+      const double dy = side * 0.1 * (t < kSteps / 2 ? 1.0 : -1.0);
+      d.controls.row(t) << 0.1, dy + 0.02 * random.Normal(), random.Normal();
+      d.states.row(t + 1) = d.states.row(t) + d.controls.row(t).head(2);
+    }
+    demonstrations.push_back(std::move(d));
+  }
+  core::StateLayout layout;
+  layout.Add("tip", 2);
+  EXPECT_THAT(FittedWarnings(layout, demonstrations), Not(Contains(HasSubstr("act oppositely"))));
+}
+
 }  // namespace
 }  // namespace dfr::safety

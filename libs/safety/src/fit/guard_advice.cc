@@ -317,7 +317,8 @@ std::vector<std::string> FitWarnings(const GuardModel& model,
        {DescribePassed(model, demonstrations), internal::DescribeCopies(demonstrations),
         DescribeRepeated(model, demonstrations), internal::DescribeDelay(model, ordered),
         internal::DescribeRest(model, steady), internal::DescribeJumps(model, demonstrations),
-        internal::DescribeLargest(demonstrations), internal::DescribeGoals(model, steady)}) {
+        internal::DescribeLargest(demonstrations), internal::DescribeGoals(model, steady),
+        internal::DescribeOpposites(model, ordered)}) {
     if (!fault.empty()) warnings.push_back(std::move(fault));
   }
   const Changes changes = JudgeChanges(model, ordered);

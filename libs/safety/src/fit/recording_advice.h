@@ -41,4 +41,11 @@ std::string DescribeLargest(std::span<const core::Trajectory> demonstrations);
 std::string DescribeGoals(const GuardModel& model,
                           std::span<const core::Trajectory> demonstrations);
 
+// Describes demonstrations that act oppositely in an entry of an action at the same place and near
+// the same time step, because something that is not a feature decides: a gear, a latch. Only sides
+// that last count, and only in a demonstration that takes both: a choice between two ways is no
+// mode that changes. Opposite actions that a regression on the features explains do not count.
+std::string DescribeOpposites(const GuardModel& model,
+                              std::span<const core::Trajectory> demonstrations);
+
 }  // namespace dfr::safety::internal

@@ -20,8 +20,8 @@ namespace dfr::safety {
 [[nodiscard]] std::vector<std::string> Warnings(const GuardModel& model);
 /// Returns GuardSummary::fit_warnings: entries of an action that are not steered, features that
 /// only follow a clock or repeat others, rotations that jump, actions that take effect later or
-/// explain little of the change of features, and robots that rest under ordinary actions. A fit
-/// adds a warning about omitted features.
+/// explain little of the change of features, robots that rest under ordinary actions, and opposite
+/// actions at the same place. A fit adds a warning about omitted features.
 [[nodiscard]] std::vector<std::string> FitWarnings(
     const GuardModel& model, std::span<const core::Trajectory> demonstrations);
 
