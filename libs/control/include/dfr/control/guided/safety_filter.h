@@ -47,9 +47,10 @@ class SafetyFilter {
 
  private:
   /// Raises `v` by AscendSupport(). With least intervention, guided::kLocalReach limits entries,
-  /// entries that change by more than guided::kLeastHedged make only the fraction
-  /// LocalFit::Agreement() of their change, and entries keep a sign that they share with `other`
-  /// (guided::kClearSign; nullptr: none). `v` stays unchanged if this lowers its level.
+  /// and entries that change by more than guided::kLeastHedged make only the fraction
+  /// LocalFit::Agreement() of their change. In a moving world, a raise that ends outside keeps the
+  /// signs that `v` and `other` share (guided::kClearSign; nullptr: none). `v` stays unchanged if
+  /// these rules lower its level.
   /// @returns the predicted level of `v`.
   double Raise(LocalFit& fit, const LocalModel& model, const StepTarget& target,
                const Eigen::VectorXd* other, Eigen::VectorXd& v) noexcept;
