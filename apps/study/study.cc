@@ -75,7 +75,8 @@ class Units {
                              Join(study.conditions) + "; choose other tasks or conditions");
     }
     for (const std::string& name : study.controllers) {
-      CheckController(study.kind, name, !study.pictures.features.empty());
+      apps::ValueOf("--methods",
+                    [&] { CheckController(study.kind, name, !study.pictures.features.empty()); });
       if (!IsAlone(name)) controllers_.push_back(name);
     }
     for (const std::string& name : study.policies) CheckPolicy(study.kind, name);
@@ -276,6 +277,11 @@ void CheckController(Kind kind, const std::string& name, bool pictures) {
   } else if (kind == Kind::kPlane) {
     static_cast<void>(ParseMethod(name, planar::kPlanarMethods));
   } else {
+    if (!pictures && name.ends_with(kOnPictures)) {
+      throw std::invalid_argument("method '" + name +
+                                  "' needs pictures: add --pictures, such as points:image, to "
+                                  "`study run`");
+    }
     std::vector<std::string> known = GuardNames();
     for (const std::string& guard : GuardNames()) {
       if (pictures) known.push_back(guard + kOnPictures);

@@ -51,7 +51,8 @@ struct Study : experiment::ExperimentOptions {
 
 /// Checks of one word of a study's tasks, conditions, policies or controllers. `pictures` accepts
 /// guards that end in kOnPictures.
-/// @throws std::invalid_argument listing the valid names for an unknown one, and as CheckKind().
+/// @throws std::invalid_argument listing the valid names for an unknown one, naming --pictures if a
+///   guard needs it, and as CheckKind().
 void CheckTasks(Kind kind, const std::string& word);
 void CheckCondition(const std::string& name);
 void CheckPolicy(Kind kind, const std::string& name);

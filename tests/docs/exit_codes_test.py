@@ -251,6 +251,13 @@ class ExitCodesTest(unittest.TestCase):
                         self.assertEqual((done.returncode, done.stdout), (2, ""))
                         self.assertIn(f"{program}: {path}:3: {fault}", done.stderr)
 
+    def test_a_method_on_pictures_names_the_option_that_it_needs(self):
+        for program in (path for path in PROGRAMS if path.name == "study"):
+            for call in ("run --methods guard/pictures", "picture reach --methods guard/pictures"):
+                done = self.run_program(program, *call.split())
+                self.assertEqual((done.returncode, done.stdout), (2, ""))
+                self.assertIn("study: --methods: method 'guard/pictures' needs pictures: add --pictures", done.stderr)
+
     def test_every_number_has_a_range(self):
         """-1 is refused. Each option is given twice, so the command does not run even if -1 is accepted."""
         for program in PROGRAMS:

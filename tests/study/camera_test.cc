@@ -139,7 +139,7 @@ TEST(PicturedGuardsTest, NeedFeaturesAndTasksWithPictures) {
     return dfr::test::MessageOf<std::invalid_argument>([&] { static_cast<void>(RunStudy(study)); });
   };
   EXPECT_THAT(error([](Study& study) { study.pictures.features.clear(); }),
-              HasSubstr("unknown method 'monitor/pictures'"));
+              AllOf(HasSubstr("'monitor/pictures' needs pictures"), HasSubstr("--pictures")));
   EXPECT_THAT(error([](Study& study) {
                 study.controllers = {"guard"};
                 study.conditions = {"picture shifted"};
